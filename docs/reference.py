@@ -6,14 +6,18 @@ A page names one with a line `<!-- reference: NAME -->`. The site has the text o
 from __future__ import annotations
 
 import argparse
+import base64
 import inspect
+import io
 import re
 import types
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import import_module
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
+import numpy as np
 import yaml
+from matplotlib.figure import Figure
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
@@ -21,6 +25,7 @@ import orchestrator
 from orchestrator.campaign import models as study_models
 from orchestrator.cli.main import COMMANDS, make_parser
 from orchestrator.config import external, models
+from orchestrator.diagnosis.unknown_input.laws import Law, domains
 from orchestrator.effects.base import OfSignal, Pure
 from orchestrator.effects.choose import BUILT_IN, built_in
 from orchestrator.master.base import master_class, master_names
@@ -377,9 +382,73 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     return re.sub(r"<!-- reference: (\S+) -->", lambda found: PAGES[found[1]](), markdown)
 
 
+def laws() -> str:
+    """The laws of the search by unknown inputs: a table and a picture of each domain."""
+    parts: list[str] = []
+    for title, members in domains().items():
+        rows = [
+            "| law | family | equations | acts at | reads | where it occurs |",
+            "|---|---|---|---|---|---|",
+        ]
+        for law in members:
+            read = _READS.get(law.reads, law.reads) + (f", {law.second}" if law.second else "")
+            places = _AT[law.at] if law.at else _places(law)
+            rows.append(
+                f"| {law.name} | {law.family} | `{law.modelica}` | {places} | {read} | {law.sentence} |"
+            )
+        parts += [f"## {title}", "\n".join(rows), _drawn(members)]
+    return "\n\n".join(parts)
+
+
+_READS = {"own": "signal at the place", "any": "any signal of the component", "rate": "speed"}
+_AT = {
+    "force": "forces, torques, derivatives of speeds",
+    "flow": "flows, levels, temperatures, pressures",
+    "electric": "voltages, currents",
+}
+_KINDS = {1: "inputs", 2: "derivatives of states", 3: "outputs"}
+
+
+def _places(law: Law) -> str:
+    return ", ".join(_KINDS[one] for one in law.kinds or _KINDS)
+
+
+def _drawn(members: list[Law]) -> str:
+    """w of each law against its signal, a wave that grows; an image in the page itself.
+
+    A law with states that reads a speed is drawn over the travel.
+    """
+    count, interval = 200, 0.05
+    time = interval * np.arange(count)
+    signal = time / time[-1] * np.sin(1.5 * time)
+    sizes = {"spread": 0.4, "interval": interval, "rate": 1.0 / interval, "one": 1.0, "run": time[-1],
+             "slope": 0.8, "step": 0.4 * interval, "second": 0.9, "product": 0.2, "range": 2.0,
+             "second range": 2.0}  # fmt: skip
+    columns = 6
+    lines = -(-len(members) // columns)
+    figure = Figure(figsize=(10.0, 1.5 * lines), layout="constrained")
+    axes = figure.subplots(lines, columns, squeeze=False).flat
+    for law, one in zip(members, axes, strict=False):
+        numbers = law.starts(sizes, {"range": -1.0, "second range": -1.0})[0]
+        read = np.gradient(signal, interval) if law.reads == "rate" and law.states else signal
+        read = np.column_stack([read, np.cos(0.4 * time)]) if law.second else read
+        one.plot(signal, law.values(time, read, numbers, interval), linewidth=0.8, color="#0072B2")
+        one.set_title(law.name, fontsize=7)
+    for one in axes:
+        one.set_axis_off()
+    for one in figure.axes[: len(members)]:
+        one.set_axis_on()
+        one.set(xticks=[], yticks=[])
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=80)
+    image = base64.b64encode(file.getvalue()).decode()
+    return f'<img alt="w against the signal, of each law" src="data:image/png;base64,{image}">'
+
+
 PAGES: dict[str, Callable[[], str]] = {
     "config-keys": config_keys,
     "study-keys": study_keys,
     "commands": commands,
     "python-api": python_api,
+    "laws": laws,
 }

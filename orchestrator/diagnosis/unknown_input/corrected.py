@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -60,11 +61,13 @@ def _put(
     if not law.law.modelica:
         return "the law has no Modelica equations."
     series = law.signal == place
-    read = next((one for one in connections if one["to"] == law.signal), None)
-    if not series and read is None:
-        if law.signal not in {str(port) for port in study.prepared.system.recorded}:
-            return f"it reads {law.signal}, which is neither an output nor connected to one."
-        read = long_form(f"{law.signal} -> {name}.u")
+    read, problem = _source(study, connections, law.signal, f"{name}.u")
+    second, other = _source(study, connections, law.second, f"{name}.v") if law.second else (None, "")
+    problem = other or ("" if series else problem)
+    if problem:
+        return problem
+    if second is not None:
+        connections.append(second)
     data["instances"][name] = {"fmu": f"{name}.fmu"}
     if law.place.kind is Kinds.INPUT:
         port = Port.of(place)
@@ -96,18 +99,38 @@ def _put(
                     one["from"] = [*one["from"], {**leg, "port": f"{name}.y"}]
         if not readers and not series:
             return f"nothing reads {place}."
-    source = long_form(f"{place} -> {name}.u") if series or read is None else read
-    connections.append({**source, "to": f"{name}.u"})
+    connections.append(long_form(f"{place} -> {name}.u") if series or read is None else read)
     return ""
+
+
+def _source(
+    study: PortStudy, connections: list[dict[str, Any]], signal: str, to: str
+) -> tuple[dict[str, Any] | None, str]:
+    """A connection that leads a signal to a port, or why there is none."""
+    read = next((one for one in connections if one["to"] == signal), None)
+    if read is not None:
+        return {**read, "to": to}, ""
+    if signal not in {str(port) for port in study.prepared.system.recorded}:
+        return None, f"it reads {signal}, which is neither an output nor connected to one."
+    return long_form(f"{signal} -> {to}"), ""
 
 
 def _built(study: PortStudy, law: Candidate, values: list[float], name: str, folder: Path) -> str:
     """Write the law's model and build its FMU; why that failed, or ""."""
     unit, read = study.unit(Port.of(law.place.name)), study.unit(Port.of(law.signal))
+    second = law.second and (
+        f'  input Real v(unit="{study.unit(Port.of(law.second))}", start=0) "Second signal";\n'
+    )
     code, declared = law.law.modelica, []
     for number, value in zip(law.law.numbers, values, strict=True):
         declared.append(f'  parameter Real {number.word} = {value!r} "{number.name}";')
-    declared += [f"  Real z{k + 1}(start=0, fixed=true);" for k in range(law.law.states)]
+    if re.search(r"\binterval\b", code):
+        declared.append(f'  parameter Real interval = {study.interval!r} "Interval of the logs";')
+    settled = law.law.settled
+    declared += [
+        f"  Real z{k + 1}{'' if k in settled else '(start=0, fixed=true)'};" for k in range(law.law.states)
+    ]
+    begin = "".join(f"initial equation\n  z{k + 1} = u;\n" for k in settled)
     series = law.signal == law.place.name
     if series:
         code = code.replace("y =", "added =")
@@ -116,8 +139,9 @@ def _built(study: PortStudy, law: Candidate, values: list[float], name: str, fol
     text = (
         f'model {name} "{law.law.sentence.rstrip(".")}"\n' + "\n".join(declared) + "\n"
         f'  input Real u(unit="{read}", start=0) "Signal that the law reads";\n'
+        f"{second}"
         f'  output Real y(unit="{unit}") "{"Signal with the law" if series else "What the law adds"}";\n'
-        "equation\n" + "".join(f"  {one.strip()};\n" for one in code.split(";") if one.strip())
+        f"{begin}equation\n" + "".join(f"  {one.strip()};\n" for one in code.split(";") if one.strip())
         + f"end {name};\n"
     )  # fmt: skip
     model = folder / f"{name}.mo"

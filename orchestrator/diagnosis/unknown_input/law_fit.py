@@ -7,7 +7,7 @@ system, with its numbers as constants of the filter beside the calibrated parame
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,7 @@ class Candidate:
 
     Attributes:
         share: of w's power on the stretches that the regression did not see, which the law explains.
-        numbers: where its fit begins.
+        numbers: where its fit begins. second: the second signal that the law reads, or "".
     """
 
     law: Law
@@ -43,11 +43,13 @@ class Candidate:
     inserted: Inserted
     numbers: tuple[float, ...]
     share: float
+    second: str = ""
 
     @property
     def name(self) -> str:
-        """Place, law and signal."""
-        return f"{self.law.name} at {self.place.name} of {self.signal}"
+        """Place, law and signals."""
+        second = f" and {self.second}" if self.second else ""
+        return f"{self.law.name} at {self.place.name} of {self.signal}{second}"
 
 
 @dataclass(frozen=True)
@@ -103,19 +105,38 @@ def _dimension(model: StateModel, place: Place) -> str:
     return found
 
 
-def readable(model: StateModel, place: Place) -> list[tuple[Law, str, int]]:
-    """Laws that can act at a place, each with a signal there that it reads: its name and index."""
+def readable(model: StateModel, place: Place, late: bool = False) -> list[Candidate]:
+    """Laws that can act at a place, each with the signals there that it reads.
+
+    Args:
+        late: the laws that are tried late, and not the others.
+    """
     own, what = _own(model, place), _dimension(model, place)
     signals = model.signals_of(place)
     if own is not None:
         signals = {**signals, place.name: own}
-    return [
-        (law, name, index)
-        for law in library()
-        if not law.kinds or int(place.kind) in law.kinds
-        for name, index in signals.items()
-        if law.fits(_unit(model, index), index == own, what)
-    ]
+    found = []
+    for law in library():
+        if law.late is not late or (law.kinds and int(place.kind) not in law.kinds):
+            continue
+        if law.second and not model.filters:
+            continue  # a system that is replayed by its master reads one signal
+        for name, index in signals.items():
+            if not law.fits(_unit(model, index), index == own, what):
+                continue
+            if not law.second:
+                found.append(_candidate(law, place, name, (index,)))
+            found += [
+                _candidate(law, place, name, (index, other), second)
+                for second, other in signals.items()
+                if law.second and other != index and law.fits_second(_unit(model, other))
+            ]
+    return found
+
+
+def _candidate(law: Law, place: Place, name: str, read: tuple[int, ...], second: str = "") -> Candidate:
+    put = Inserted(place, law.address, read, len(law.numbers), law.states, law.settled)
+    return Candidate(law, place, name, put, (), 0.0, second)
 
 
 def _own(model: StateModel, place: Place) -> int | None:
@@ -126,17 +147,20 @@ def _own(model: StateModel, place: Place) -> int | None:
     return nx + nu + place.index if place.kind is Kinds.OUTPUT else None
 
 
-def starts_of(law: Law, runs: Runs, index: int) -> list[list[float]]:
-    """Numbers where fits of a law begin that reads a signal, by the signal's spread or the logs' interval."""
-    return _starts(law, float(runs.spread[index]), runs.model.study.interval)
-
-
-def _starts(law: Law, spread: float, interval: float) -> list[list[float]]:
-    sizes = {"spread": spread, "interval": interval, "rate": 1.0 / interval, "one": 1.0}
-    grids: list[list[float]] = [[]]
-    for number in law.numbers[1 if law.linear else 0 :]:
-        grids = [[*one, start * sizes[number.by]] for one in grids for start in number.starts]
-    return [[1.0, *one] if law.linear else one for one in grids]
+def starts_of(one: Candidate, runs: Runs) -> list[list[float]]:
+    """Numbers where fits of a law begin, by the signals that it reads and the logs' interval."""
+    first, second = one.inserted.signals[0], one.inserted.signals[-1]
+    spread, interval = runs.spread[first], runs.model.study.interval
+    sizes = {
+        "spread": spread, "interval": interval, "rate": 1.0 / interval, "one": 1.0,
+        "run": runs.length, "slope": runs.slope[first], "step": spread * interval,
+        "second": max(abs(runs.low[second]), abs(runs.high[second])),
+        "product": spread * runs.spread[second],
+        "range": runs.high[first] - runs.low[first],
+        "second range": runs.high[second] - runs.low[second],
+    }  # fmt: skip
+    begins = {"range": runs.low[first], "second range": runs.low[second]}
+    return one.law.starts(sizes, begins)
 
 
 def screened(
@@ -163,16 +187,15 @@ def screened(
             half = len(pieces[0][0]) // 2
             pieces = [tuple(v[:half] for v in pieces[0]), tuple(v[half:] for v in pieces[0])]
         known = sorted(set(model.signals_of(place).values()))
-        for law, name, index in readable(model, place):
-            put = Inserted(place, law.address, (index,), len(law.numbers), law.states)
-            starts = starts_of(law, runs, index)
-            if law.states:
-                blind += [Candidate(law, place, name, put, tuple(n), 0.0) for n in starts]
+        for one in readable(model, place):
+            starts = starts_of(one, runs)
+            if one.law.states:
+                blind += [replace(one, numbers=tuple(n)) for n in starts]
                 continue
-            both = _regressed(law, pieces, index, known, starts)
+            both = _regressed(one, pieces, known, starts)
             for some, best in zip((found, beyond), both, strict=True):
                 if best is not None and np.isfinite(best[1]).all():
-                    some.append(Candidate(law, place, name, put, tuple(best[1]), best[0]))
+                    some.append(replace(one, numbers=tuple(best[1]), share=best[0]))
     kept = _spread_out(found, most, 3)
     kept += _spread_out([one for one in beyond if one.name not in {k.name for k in kept}], most // 2, 2)
     return [*kept, *[*_sensors(model, runs), *blind][:_BLIND]]
@@ -183,13 +206,13 @@ def _sensors(model: StateModel, runs: Runs) -> list[Candidate]:
     nx, nu = len(model.states), len(model.inputs)
     outputs = set(model.measured.tolist())
     return [
-        Candidate(law, place, place.name, put, tuple(start), 0.0)
+        replace(one, numbers=tuple(start))
         for place in model.places()
         if place.kind is Kinds.OUTPUT and place.index in outputs
         for law in library()
-        if law.states and 3 in law.kinds
-        for put in [Inserted(place, law.address, (nx + nu + place.index,), len(law.numbers), law.states)]
-        for start in _starts(law, 1.0, model.study.interval)
+        if law.states and 3 in law.kinds and law.reads == "own" and not law.late
+        for one in [_candidate(law, place, place.name, (nx + nu + place.index,))]
+        for start in starts_of(one, runs)
     ]
 
 
@@ -205,7 +228,7 @@ def _spread_out(found: Sequence[Candidate], most: int, each: int) -> list[Candid
 
 
 def _regressed(
-    law: Law, pieces: Sequence[Any], index: int, known: Sequence[int], starts: Sequence[list[float]]
+    one: Candidate, pieces: Sequence[Any], known: Sequence[int], starts: Sequence[list[float]]
 ) -> tuple[tuple[float, list[float]] | None, tuple[float, list[float]] | None]:
     """How much of w the best start of a law explains: alone, and beside terms that calibration makes.
 
@@ -213,6 +236,7 @@ def _regressed(
         known: signals at the place, in proportion to which calibration can leave errors.
     """
     alone = beside = None
+    law, read = one.law, list(one.inserted.signals)
     linear, judged = (
         np.vstack([np.column_stack([p[3][:, known], np.ones(len(p[1]))]) * p[2][:, None] for p in some])
         for some in (pieces[:-1], pieces[-1:])
@@ -222,7 +246,7 @@ def _regressed(
     without = np.linalg.lstsq(linear / size, b, rcond=1e-8)[0] / size
     left, whole = float(((d - judged @ without) ** 2).sum()), float((d**2).sum())
     for start in starts:
-        columns = [law.values(time, np.ascontiguousarray(s[:, index]), start) for time, _, _, s in pieces]
+        columns = [law.values(time, np.ascontiguousarray(s[:, read]), start) for time, _, _, s in pieces]
         a = np.concatenate([c * p[2] for c, p in zip(columns[:-1], pieces[:-1], strict=True)])
         c, power = columns[-1] * pieces[-1][2], float(a @ a)
         if not np.isfinite(power) or power <= 0.0 or not whole > 0.0:

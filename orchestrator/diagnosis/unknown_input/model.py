@@ -32,7 +32,7 @@ _SET, _GET, _SELF, _SET_REFS, _SETS, _SET_VALUES, _GET_REFS, _GETS, _GET_VALUES 
 _X, _NX, _U, _NU, _P, _NP, _Y, _NY, _VERSION = range(9, 18)
 _COLUMNS = 18
 # Columns of what acts: where, and which law.
-_KIND, _COMPONENT, _INDEX, _HAS_W, _LAW, _SIGNAL, _COUNT, _NUMBER, _HIDDEN, _STATES = range(10)
+_KIND, _COMPONENT, _INDEX, _HAS_W, _LAW, _SIGNAL, _COUNT, _NUMBER, _HIDDEN, _STATES, _INTERVAL = range(11)
 
 
 class Kinds(IntEnum):
@@ -62,13 +62,18 @@ class Place:
 
 @dataclass(frozen=True)
 class Inserted:
-    """A law at a place: its machine code's address, the signals it reads, its numbers and states."""
+    """A law at a place: its machine code's address, the signals it reads, its numbers and states.
+
+    Attributes:
+        settled: states that start at the first signal.
+    """
 
     place: Place
     address: int
     signals: tuple[int, ...]
     numbers: int
     states: int = 0
+    settled: tuple[int, ...] = ()
 
 
 @njit()
@@ -80,6 +85,7 @@ def _acting(act, x, u, y, t, w, signals, theta, hidden, extra, s, out):
         for k in range(act[_COUNT]):
             j = signals[act[_SIGNAL] + k]
             s[k] = x[j] if j < nx else (u[j - nx] if j < nx + nu else y[j - nx - nu])
+        s[2] = 1e-9 * act[_INTERVAL]
         numbers = theta.ctypes.data + 8 * act[_NUMBER]
         states = hidden.ctypes.data + 8 * act[_HIDDEN]
         call_law(act[_LAW], t, s.ctypes.data, numbers, states, out.ctypes.data)
@@ -95,7 +101,7 @@ def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, 
 
     Args:
         rows: components, shape (n, 18). wiring: see `StateModel`. x, ext, p: states, fed signals, parameters.
-        acts: what acts where, shape (n, 10), see `acts_of`. w: the unknown input.
+        acts: what acts where, shape (n, 11), see `acts_of`. w: the unknown input.
         signals: which of [x, u, y] the laws read. theta, hidden: their numbers and their states.
         u, y, rate: written, inputs, outputs and derivatives. extra: written, derivatives of `hidden`.
     """
@@ -410,17 +416,21 @@ class StateModel:
         return found
 
 
-def acts_of(laws: Sequence[Inserted], w: Place | None) -> tuple[Any, Any]:
-    """Rows of what acts, and the signals that laws read: inserted laws, then the unknown input."""
+def acts_of(laws: Sequence[Inserted], w: Place | None, interval: float) -> tuple[Any, Any]:
+    """Rows of what acts, and the signals that laws read: inserted laws, then the unknown input.
+
+    Args:
+        interval: of the logs [s], for laws that need it.
+    """
     rows, signals, number, hidden = [], list[int](), 0, 0
     for one in laws:
         where = one.place
         rows.append([
             int(where.kind), where.component, where.index, 0, one.address, len(signals), len(one.signals),
-            number, hidden, one.states,
+            number, hidden, one.states, round(1e9 * interval),
         ])  # fmt: skip
         signals += one.signals
         number, hidden = number + one.numbers, hidden + one.states
     if w is not None:
-        rows.append([int(w.kind), w.component, w.index, 1, 0, 0, 0, 0, 0, 0])
-    return np.array(rows, np.int64).reshape(len(rows), 10), np.array(signals, np.int64)
+        rows.append([int(w.kind), w.component, w.index, 1, 0, 0, 0, 0, 0, 0, 0])
+    return np.array(rows, np.int64).reshape(len(rows), 11), np.array(signals, np.int64)

@@ -50,7 +50,8 @@ class Runs:
 
     Attributes:
         scale: spread of each state; parameters follow, by their tolerance.
-        spread: of all signals [states, inputs, outputs].
+        spread: of all signals [states, inputs, outputs]. slope: of their derivatives.
+        low, high: least and largest values of the signals.
     """
 
     def __init__(self, model: StateModel, runs: Sequence[PortRun]) -> None:
@@ -63,8 +64,13 @@ class Runs:
         for ext, held, _, start in self.data:
             z = np.concatenate([start, model.nominal])
             found.append(self.simulated(ext, held, z, signals=True)[1])
+        slopes = np.vstack([np.diff(one, axis=0) / model.study.interval for one in found])
+        slopes = slopes[np.isfinite(slopes).all(axis=1)]
+        self.slope = slopes.std(axis=0) if len(slopes) else np.ones(slopes.shape[1])
         every = np.vstack(found)
         every = every[np.isfinite(every).all(axis=1)]
+        whole = every if len(every) else np.zeros((1, every.shape[1]))
+        self.low, self.high = whole.min(axis=0), whole.max(axis=0)
         spread = every.std(axis=0) if len(every) else np.ones(every.shape[1])
         # Logs show the spread of what is compared, even where the model runs away or rests.
         logged = np.vstack([one[2] for one in self.data])
@@ -72,9 +78,9 @@ class Runs:
         for index, port in enumerate(model.compared):
             real = float(np.nanstd(logged[:, index]))
             at = count + len(model.inputs) + model.outputs.index(port)
-            spread[at] = real
-            if port in model.states:
-                spread[model.states.index(port)] = real
+            for k in [at, *([model.states.index(port)] if port in model.states else [])]:
+                spread[k] = real
+                self.low[k], self.high[k] = np.nanmin(logged[:, index]), np.nanmax(logged[:, index])
         self.spread = np.where(spread > 0.0, spread, 1e-6 * np.maximum(1.0, np.abs(every).max(initial=0.0)))
         self.scale = np.concatenate([self.spread[:count], np.maximum(model.tolerance, 1e-12)])
         self.length = np.mean([len(run) for run in runs]) * model.study.interval
@@ -90,6 +96,18 @@ class Runs:
     def sub_of(self, laws: Sequence[Inserted]) -> int:
         """Steps of RK4 a sample; more with laws that have states, whose time may be as short as a sample."""
         return 4 * self.sub if any(one.states for one in laws) else self.sub
+
+    def hidden(self, index: int, laws: Sequence[Inserted], start: Array, constants: Array) -> Array:
+        """Start values of the laws' own states in a run: 0, or the signal that the law reads."""
+        found = np.zeros(sum(one.states for one in laws))
+        if self.model.filters and any(one.settled for one in laws):
+            ext, held, *_ = self.data[index]
+            z = np.concatenate([start, constants[: len(self.model.nominal)]])
+            signals, at = self.simulated(ext[:1], held, z, signals=True)[1][0], 0
+            for one in laws:
+                found[[at + k for k in one.settled]] = signals[one.signals[0]]
+                at += one.states
+        return found
 
     def passes(
         self,
@@ -136,7 +154,7 @@ class Runs:
             if samples is not None:
                 end = self.model.study.settled + samples
                 ext, logged = ext[:end], logged[:end]
-            z = np.concatenate([start, np.zeros(nh), mean, np.zeros(order)])
+            z = np.concatenate([start, self.hidden(index, laws, start, mean), mean, np.zeros(order)])
             variance = np.zeros((len(z), len(z)))
             variance[:nx, :nx] = np.diag(_START * self.scale[:nx] ** 2)
             at = slice(nx + nh, nx + nh + len(mean))

@@ -33,14 +33,14 @@ _MOST, _PARTS = 4, 8
 
 
 @njit()
-def _value(address, time, signal, numbers, states, out):
-    s = np.array([signal])
+def _value(address, time, signal, interval, numbers, states, out):
+    s = np.array([signal, 0.0, interval])
     call_law(address, time, s.ctypes.data, numbers.ctypes.data, states.ctypes.data, out.ctypes.data)
     return out[0]
 
 
 @njit()
-def _advanced(address, begin, end, first, last, numbers, states, count, parts):
+def _advanced(address, begin, end, first, last, interval, numbers, states, count, parts):
     """States of a law after a step, by RK4; the signal follows a line from `first` to `last`."""
     out, k = np.zeros(1 + len(states)), np.zeros((4, len(states)))
     h = (end - begin) / parts
@@ -51,7 +51,8 @@ def _advanced(address, begin, end, first, last, numbers, states, count, parts):
             at = (part + share) / parts
             for j in range(count):
                 states[j] = base[j] + (share * h * k[i - 1, j] if i else 0.0)
-            _value(address, begin + at * (end - begin), first + at * (last - first), numbers, states, out)
+            signal = first + at * (last - first)
+            _value(address, begin + at * (end - begin), signal, interval, numbers, states, out)
             for j in range(count):
                 k[i, j] = out[1 + j]
         for j in range(count):
@@ -66,25 +67,31 @@ class LawEffect(Effect):
     address: float = Field(description="Of the law's machine code.")
     own: bool = Field(description="Whether it reads the signal itself, not the further one.")
     states: int = Field(description="Of the law.")
+    settled: int = Field(description="Sum of 2^k of the states k, from 0, that start at the signal.")
+    interval: float = Field(description="Of the logs [s].")
     values: tuple[float, ...] = Field(description="The law's numbers.")
 
     def numbers(self) -> list[float]:
         """See Effect.numbers."""
         rest = [0.0] * (_MOST - len(self.values))
-        return [self.address, 0.0 if self.own else 1.0, float(self.states), *self.values, *rest]
+        law = [self.address, 0.0 if self.own else 1.0, float(self.states), float(self.settled), self.interval]
+        return [*law, *self.values, *rest]
 
     @staticmethod
     def kernel(time: float, x: Numbers, options: Numbers, memory: Memory, commit: bool) -> float:
         """See Effect.kernel. Memory: whether there was an instant before, its time, signal and states."""
         values, states, out = np.zeros(_MOST), np.zeros(_MOST), np.zeros(1 + _MOST)
         for k in range(_MOST):
-            values[k] = options[3 + k]
+            values[k] = options[5 + k]
             states[k] = memory[3 + k]
-        address, count = int(options[0]), int(options[2])
+        address, count, interval = int(options[0]), int(options[2]), options[4]
         signal = x[0] if options[1] == 0.0 else x[1]
+        if memory[0] == 0.0:
+            for k in range(count):
+                states[k] = signal if (int(options[3]) >> k) & 1 else 0.0
         if count > 0 and memory[0] != 0.0 and time > memory[1]:
-            _advanced(address, memory[1], time, memory[2], signal, values, states, count, _PARTS)
-        added = _value(address, time, signal, values, states, out)
+            _advanced(address, memory[1], time, memory[2], signal, interval, values, states, count, _PARTS)
+        added = _value(address, time, signal, interval, values, states, out)
         if commit:
             memory[0] = 1.0
             memory[1] = time
@@ -177,6 +184,7 @@ class PlayedModel(StateModel):
             own = signal == nx + one.place.index + (len(self.inputs) if one.place.kind is Kinds.OUTPUT else 0)
             effect = LawEffect(
                 address=float(one.address), own=own, states=one.states,
+                settled=sum(1 << k for k in one.settled), interval=self.study.interval,
                 values=tuple(z[at : at + one.numbers].tolist()),
             )  # fmt: skip
             put.append(AtPort(effect, place, () if own else (self._signal(signal),)))

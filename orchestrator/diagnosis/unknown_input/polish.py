@@ -68,7 +68,7 @@ class Replays:
     def found(self, index: int, start: Array, constants: Array) -> Array:
         """Compared signals of one run as simulated, shape (samples, compared)."""
         ext, held, _ = self.data[index]
-        z = np.concatenate([start, np.zeros(self.hidden), constants])
+        z = np.concatenate([start, self.runs.hidden(index, self.laws, start, constants), constants])
         return self.runs.simulated(ext, held, z, self.laws)[0]
 
     def left(self, index: int, start: Array, constants: Array) -> Array:
@@ -127,7 +127,8 @@ class Replays:
         tiny = np.concatenate([self.scale, np.full(self.hidden, 1e-9), sizes])
         parts = []
         for k, (ext, held, _) in enumerate(self.data):
-            z = np.concatenate([begin[k], np.zeros(self.hidden), constants])
+            own = self.runs.hidden(k, self.laws, begin[k], constants)
+            z = np.concatenate([begin[k], own, constants])
             made = sensitive(self.model, ext, held, z, tiny, self.runs.sub_of(self.laws), self.laws)
             made = (made / self.model.noise[:, None])[self.settled :][self.masks[k]]
             part = np.zeros((len(made), nc + nx * len(begin)))

@@ -15,16 +15,18 @@ __all__ = ["data_of", "headline", "text_of"]
 def _laws(one: Fitted, units: Mapping[str, str]) -> list[dict[str, Any]]:
     found = []
     for law, values, sigmas in one.by_law():
-        place, signal = _unit(law.place.name, units), units.get(law.signal, "1")
+        read = units.get(law.signal, "1"), units.get(law.second, "1")
+        place = _unit(law.place.name, units)
         numbers = {
             number.name: {
                 "value": float(value),
                 "sigma": float(sigma),
-                "unit": _inserted(number.unit, place, signal),
+                "unit": _inserted(number.unit, place, *read),
             }
             for number, value, sigma in zip(law.law.numbers, values, sigmas, strict=True)
         }  # fmt: skip
         where = {"place": law.place.name, "acts_on": law.place.kind.name.lower(), "signal": law.signal}
+        where |= {"second": law.second} if law.second else {}
         found.append({"law": law.law.name, "family": law.law.family, **where, "numbers": numbers})
     return found
 
@@ -37,13 +39,14 @@ def _unit(place: str, units: Mapping[str, str]) -> str:
     return units.get(place, "1")
 
 
-def _inserted(unit: str, place: str, signal: str) -> str:
-    """A law's unit with the place's for w and the signal's for u."""
+def _inserted(unit: str, place: str, signal: str, second: str) -> str:
+    """A law's unit with the place's for w, the signal's for u and the second signal's for v."""
     words = {
         "w": f"({place})" if "/" in place and unit != "w" else place,
         "u": f"({signal})" if re.search(r"[/.]", signal) and unit != "u" else signal,
+        "v": f"({second})" if re.search(r"[/.]", second) and unit != "v" else second,
     }
-    return re.sub(r"\b([wu])(?=\b|\d|\^)", lambda found: words[found[1]], unit)
+    return re.sub(r"\b([wuv])(?=\b|\d|\^)", lambda found: words[found[1]], unit)
 
 
 def data_of(found: Answer) -> dict[str, Any]:

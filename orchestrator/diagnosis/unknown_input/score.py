@@ -66,12 +66,13 @@ class Scores:
 
 def scored(
     runs: Runs, places: Sequence[Place], laws: Sequence[Inserted], constants: Array, starts: Sequence[Array],
-    most: int = 40,
+    most: int = 40, late: bool = False,
 ) -> Scores:  # fmt: skip
     """The laws that explain most of what is left, best first.
 
     Args:
         laws: inserted already. constants: parameters, then their numbers, as fitted. starts: of each run.
+        late: the laws that are tried late, and not the others.
     """
     replays = Replays(runs, laws, SAMPLES, starts)
     residual, own = replays.residual(constants), replays.sensitivity(constants)
@@ -81,16 +82,15 @@ def scored(
     whole = float(left @ left)
     found: list[tuple[Candidate, Array]] = []
     for place in places:
-        for law, name, index in readable(runs.model, place):
-            put = Inserted(place, law.address, (index,), len(law.numbers), law.states)
-            with_law = Replays(runs, [*laws, put], SAMPLES, starts)
+        for one in readable(runs.model, place, late):
+            law = one.law
+            with_law = Replays(runs, [*laws, one.inserted], SAMPLES, starts)
             best: tuple[Candidate, Array] | None = None
-            for start in starts_of(law, runs, index):
+            for start in starts_of(one, runs):
                 numbers = np.array(start)
                 if law.linear:
-                    spread = float(runs.spread[index])
-                    tried = law.values(np.full(3, runs.length), spread * np.array([-2.0, 1.0, 4.0]), numbers)
-                    typical = float(np.abs(tried).max())
+                    spreads = runs.spread[list(one.inserted.signals)]
+                    typical = law.typical(spreads, numbers, runs.model.study.interval, runs.length)
                     if not typical > 0.0:
                         continue
                     numbers[0] *= _SMALL * runs.spread_at(place) / typical
@@ -108,22 +108,22 @@ def scored(
                 if best is None or share > best[0].share:
                     if law.linear:
                         numbers[0] *= factor
-                    candidate = Candidate(law, place, name, put, tuple(numbers.tolist()), share)
+                    candidate = replace(one, numbers=tuple(numbers.tolist()), share=share)
                     best = candidate, -change / np.sqrt(power)
             if best is not None:
                 found.append(best)
-    found.sort(key=lambda one: one[0].share, reverse=True)
+    found.sort(key=lambda each: each[0].share, reverse=True)
     kept: list[tuple[Candidate, Array]] = []
     twins: list[list[Candidate]] = []
-    for one in found:
-        same = next((k for k, two in enumerate(kept) if abs(float(one[1] @ two[1])) > _SAME), None)
-        if same is not None and _rather(one[0], kept[same][0]):
+    for each in found:
+        same = next((k for k, two in enumerate(kept) if abs(float(each[1] @ two[1])) > _SAME), None)
+        if same is not None and _rather(each[0], kept[same][0]):
             twins[same].append(kept[same][0])
-            kept[same] = one
+            kept[same] = each
         elif same is not None:
-            twins[same].append(one[0])
+            twins[same].append(each[0])
         elif len(kept) < most:
-            kept.append(one)
+            kept.append(each)
             twins.append([])
     changes = np.array([one[1] for one in kept]).reshape(len(kept), len(left))
     return Scores([one[0] for one in kept], twins, changes, left)

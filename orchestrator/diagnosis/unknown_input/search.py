@@ -26,6 +26,8 @@ __all__ = ["Answer", "answer"]
 Array = NDArray[np.float64]
 # Laws that are fitted by a few steps, and of these the ones that are fitted to the end.
 _TRIED, _KEPT, _STEPS, _RIVALS = 12, 3, 5, 4
+# Laws that are tried late, and fitted to the end.
+_LATE, _LATE_KEPT = 5, 1
 # The logs are explained where this much of the noise is left.
 _EXPLAINED, _MOST = 1.1, 0.98
 # A second law must close this share of what the first leaves, and gain so many nats.
@@ -87,10 +89,10 @@ class _Search:
         self.places = runs.model.places()
         self.twins: dict[str, list[Candidate]] = {}
 
-    def scores(self, laws: Sequence[Candidate], found: Polished) -> Scores:
+    def scores(self, laws: Sequence[Candidate], found: Polished, late: bool = False) -> Scores:
         """Laws beside some that are fitted."""
         made = scored(
-            self.runs, self.places, [one.inserted for one in laws], found.constants, found.starts
+            self.runs, self.places, [one.inserted for one in laws], found.constants, found.starts, late=late
         )  # fmt: skip
         self.twins |= {one.name: twins for one, twins in zip(made.candidates, made.twins, strict=True)}
         return made
@@ -133,7 +135,10 @@ class _Search:
         )
 
     def tried(
-        self, sets: Sequence[Sequence[Candidate]], beside: tuple[Fitted, Polished] | None = None
+        self,
+        sets: Sequence[Sequence[Candidate]],
+        beside: tuple[Fitted, Polished] | None = None,
+        kept: int = _KEPT,
     ) -> list[tuple[Fitted, Polished]]:
         """Fit each set of laws by a few steps, then the best to the end; best first."""
         before = (self.base.constants, self.base.starts) if beside is None else (
@@ -149,7 +154,7 @@ class _Search:
             if since > _RIVALS:
                 break
         found.sort(key=lambda each: each[1].remains)
-        ended = [self.to_the_end(one) for one in found[:_KEPT] if np.isfinite(one[1].remains)]
+        ended = [self.to_the_end(one) for one in found[:kept] if np.isfinite(one[1].remains)]
         # A fit to the end is no worse than the one that it begins with.
         ended = [
             min((one, two), key=lambda each: each[1].remains) for one, two in zip(ended, found, strict=False)
@@ -236,6 +241,12 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
             singles = search.tried([[one] for one in scores.candidates[:_TRIED]])
             every += singles
             if not search.explained(every):
+                progress("rarer laws")
+                late = search.scores((), search.base, late=True).candidates[:_LATE]
+                rare = search.tried([[one] for one in late], kept=_LATE_KEPT)
+                every += rare
+                singles = sorted([*singles, *rare], key=lambda each: each[1].remains)
+            if not search.explained(every):
                 progress("pairs of laws")
                 every += search.tried(scores.pairs(_BESIDE))
                 for one in _families(singles)[:_BEAM]:
@@ -313,12 +324,15 @@ def _families(singles: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, 
 def _simplest(search: _Search, weighed: Sequence[tuple[Fitted, Polished, float]]) -> int:
     """Index of the answer.
 
-    A second law must halve what the best single one leaves. So must an answer that moves a parameter beyond
-    its tolerance, against the best one that does not.
+    A second law must halve what the best single one leaves. So must a law that is tried late, against the
+    others, and an answer that moves a parameter beyond its tolerance, against the best one that does not.
     """
     best: dict[int, int] = {}
     for count in {len(one.laws) for one, _, _ in weighed}:
         ranked = [k for k, (one, _, _) in enumerate(weighed) if len(one.laws) == count]
+        usual = [k for k in ranked if not any(law.law.late for law in weighed[k][0].laws)]
+        if usual and closed(weighed[usual[0]][1].remains, weighed[ranked[0]][1].remains, 0.0) <= _HALF:
+            ranked = usual
         near = [k for k in ranked if not search.far(weighed[k][1].constants)]
         best[count] = (near or ranked)[0]
         if near and closed(weighed[near[0]][1].remains, weighed[ranked[0]][1].remains, 0.0) > _HALF:

@@ -253,7 +253,7 @@ def _signals(rows, wiring, path, n, ext, h, acts, signals, nu, ny):
 def _where(model: StateModel, laws: Sequence[Inserted], w: Place | None, order: int) -> tuple[Any, Any, Any]:
     hidden, numbers = sum(one.states for one in laws), sum(one.numbers for one in laws)
     n = np.array([len(model.states), hidden, len(model.parameters), numbers, order], np.int64)
-    return n, *acts_of(laws, w)
+    return n, *acts_of(laws, w, model.study.interval)
 
 
 def substeps(model: StateModel, scale: Array) -> int:

@@ -1,6 +1,11 @@
-"""Laws of actuators and drives, which act on the signal at the place itself."""
+"""Actuators and drives.
+
+Most act on the signal at the place itself.
+"""
 
 from __future__ import annotations
+
+import math
 
 from .law import Law, Number
 
@@ -20,17 +25,45 @@ def _gain_curve(t, s, n, z, out):
 
 def _lag(t, s, n, z, out):
     out[0] = z[0] - s[0]
-    out[1] = (s[0] - z[0]) / max(abs(n[0]), 1e-9)
+    out[1] = (s[0] - z[0]) / max(abs(n[0]), 0.1 * s[2])
 
 
 def _delay(t, s, n, z, out):
-    # Pade of order 2.
-    time = max(abs(n[0]), 1e-9)
-    a = 12.0 / (time * time)
-    b = 6.0 / time
+    # Pade of order 2; at rest the first state is the signal.
+    time = max(abs(n[0]), 0.35 * s[2])
+    out[0] = -time * z[1]
     out[1] = z[1]
-    out[2] = s[0] - a * z[0] - b * z[1]
-    out[0] = -2.0 * b * z[1]
+    out[2] = 12.0 / (time * time) * (s[0] - z[0]) - 6.0 / time * z[1]
+
+
+def _resonance(t, s, n, z, out):
+    frequency = min(abs(n[0]), 6.0 / s[2])
+    out[0] = z[0] - s[0]
+    out[1] = z[1]
+    out[2] = frequency * frequency * (s[0] - z[0]) - 2.0 * abs(n[1]) * frequency * z[1]
+
+
+def _rate_limit(t, s, n, z, out):
+    # Within the limit the state is half an interval behind, which w makes up for.
+    step = 0.5 * s[2]
+    moved = min(max(s[0] - z[0], -abs(n[0]) * step), abs(n[0]) * step)
+    out[0] = z[0] + moved - s[0]
+    out[1] = moved / step
+
+
+def _power_limit(t, s, n, z, out):
+    power = abs(s[0] * s[1])
+    out[0] = s[0] * (abs(n[0]) / power - 1.0) if power > abs(n[0]) else 0.0
+
+
+def _power_curve(t, s, n, z, out):
+    pivot = abs(n[0]) + 1e-300
+    exponent = min(max(n[1], 0.1), 5.0)
+    out[0] = math.copysign(pivot * (abs(s[0]) / pivot + 1e-12) ** exponent, s[0]) - s[0]
+
+
+def _cogging(t, s, n, z, out):
+    out[0] = n[0] * math.sin(n[1] * s[0] + n[2])
 
 
 _OWN = "own"
@@ -76,8 +109,9 @@ LAWS = [
         1,
         (1, 3),
         linear=False,
+        settled=(0,),
         modelica="y = z1 - u; der(z1) = (u - z1)/time_constant;",
-        sentence="A first-order lag, as of a sensor or an amplifier.",
+        sentence="A first-order lag, as of a sensor, an amplifier or a dead volume.",
     ),
     Law(
         "delay",
@@ -88,7 +122,80 @@ LAWS = [
         2,
         (1, 3),
         linear=False,
-        modelica="der(z1) = z2; der(z2) = u - 12/time_^2*z1 - 6/time_*z2; y = -12/time_*z2;",
+        settled=(0,),
+        modelica="y = -time_*z2; der(z1) = z2; der(z2) = 12/time_^2*(u - z1) - 6/time_*z2;",
         sentence="A transport or computing delay.",
     ),
-]
+    Law(
+        "resonance",
+        "lag",
+        (Number("frequency", "rad/s", (0.05, 0.3), "rate", positive=True),
+         Number("damping ratio", "1", (0.4,), "one", positive=True)),
+        _resonance,
+        _OWN,
+        2,
+        (1, 3),
+        settled=(0,),
+        linear=False,
+        modelica=(
+            "y = z1 - u; der(z1) = z2; der(z2) = frequency^2*(u - z1) - 2*damping_ratio*frequency*z2;"
+        ),
+        sentence="A drive or filter of second order that swings.",
+        late=True,
+    ),
+    Law(
+        "rate limit",
+        "rate limit",
+        (Number("rate", "u/s", (0.5, 2.0), "slope", positive=True),),
+        _rate_limit,
+        _OWN,
+        1,
+        (1, 3),
+        settled=(0,),
+        linear=False,
+        modelica=(
+            "y = z1 + min(max(u - z1, -0.5*rate*interval), 0.5*rate*interval) - u; "
+            "der(z1) = min(max(2*(u - z1)/interval, -rate), rate);"
+        ),
+        sentence="A valve or drive that moves no faster.",
+        late=True,
+    ),
+    Law(
+        "power limit",
+        "saturation",
+        (Number("power", "u.v", (1.0, 3.0), "product", positive=True),),
+        _power_limit,
+        _OWN,
+        kinds=(1, 3),
+        at="force",
+        second="rate",
+        linear=False,
+        modelica="y = u*(min(1, power/max(abs(u*v), 1e-12)) - 1);",
+        sentence="A drive whose force falls with speed at its largest power.",
+        late=True,
+    ),
+    Law(
+        "power curve",
+        "gain curve",
+        (Number("pivot", "u", (1.5,), positive=True), Number("exponent", "1", (0.6, 1.6), "one")),
+        _power_curve,
+        _OWN,
+        kinds=(1, 3),
+        linear=False,
+        modelica="y = sign(u)*pivot*(abs(u)/pivot + 1e-12)^min(max(exponent, 0.1), 5) - u;",
+        sentence="Thrust or torque as a power of the command, as of a propeller.",
+        late=True,
+    ),
+    Law(
+        "cogging",
+        "ripple",
+        (Number("level", "w"), Number("periods a turn", "1", (2.0, 4.0, 6.0, 8.0, 12.0, 24.0), "one"),
+         Number("phase", "rad", (0.0, 1.5708), "one")),
+        _cogging,
+        "angle",
+        at="force",
+        modelica="y = level*sin(periods_a_turn*u + phase);",
+        sentence="A motor's magnets that pull to some angles, or a gear's teeth.",
+        late=True,
+    ),
+]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Laws of flow and heat."""
+"""Flow and heat."""
 
 from __future__ import annotations
 
@@ -21,6 +21,29 @@ def _radiation(t, s, n, z, out):
 
 def _loss(t, s, n, z, out):
     out[0] = n[0] * (s[0] - n[1])
+
+
+def _laminar(t, s, n, z, out):
+    out[0] = n[0] * s[0] / (s[0] * s[0] + n[1] * n[1] + 1e-300) ** 0.25
+
+
+def _check_valve(t, s, n, z, out):
+    out[0] = max(s[0] - abs(n[0]), 0.0) - s[0]
+
+
+def _wall(t, s, n, z, out):
+    out[0] = n[0] * (s[0] - z[0])
+    out[1] = (s[0] - z[0]) / max(abs(n[1]), 0.1 * s[2])
+
+
+def _convection(t, s, n, z, out):
+    warmer = s[0] - n[1]
+    out[0] = n[0] * warmer * (abs(warmer) + 1e-12) ** 0.25
+
+
+def _load_pressure(t, s, n, z, out):
+    left = 1.0 - math.copysign(s[1], s[0] * s[1]) / (abs(n[0]) + 1e-300)
+    out[0] = s[0] * (math.sqrt(max(left, 0.0)) - 1.0)
 
 
 _LEVELS = (1.0, 1.5, 2.0, 3.0)
@@ -69,5 +92,83 @@ LAWS = [
         at="flow",
         modelica="y = factor*5.670374419e-8*u^4;",
         sentence="Heat radiated by a hot body.",
+    ),
+    Law(
+        "root with a laminar part",
+        "root",
+        (Number("factor", "w/u^0.5"), Number("transition", "u", (0.3,), positive=True)),
+        _laminar,
+        "any",
+        kinds=(1, 2),
+        at="flow",
+        modelica="y = factor*u/(u^2 + transition^2 + 1e-300)^0.25;",
+        sentence="A flow that is laminar at small pressures and turbulent above.",
+        late=True,
+    ),
+    Law(
+        "check valve",
+        "one way",
+        (Number("opening", "u", (0.02, 0.3), positive=True),),
+        _check_valve,
+        "own",
+        kinds=(1, 3),
+        at="flow",
+        linear=False,
+        modelica="y = max(u - opening, 0) - u;",
+        sentence="A valve that opens one way, above a small pressure.",
+        late=True,
+    ),
+    Law(
+        "heat capacity of a wall",
+        "relaxation",
+        (Number("factor", "w/u"), Number("time constant", "s", (0.05, 0.4), "run", positive=True)),
+        _wall,
+        "temperature",
+        1,
+        kinds=(1, 2),
+        at="flow",
+        settled=(0,),
+        modelica="y = factor*(u - z1); der(z1) = (u - z1)/time_constant;",
+        sentence="A wall or an insert that takes heat up and gives it back.",
+        late=True,
+    ),
+    Law(
+        "boiling limit",
+        "overflow",
+        (Number("factor", "w/u", (-0.3,), "rate"), Number("limit", "u", (0.75, 0.95), "range")),
+        _overflow,
+        "temperature",
+        kinds=(2,),
+        at="flow",
+        linear=False,
+        modelica="y = factor*max(u - limit, 0);",
+        sentence="A temperature that stays where a liquid boils.",
+        late=True,
+    ),
+    Law(
+        "natural convection",
+        "loss",
+        (Number("factor", "w/u^1.25"), Number("surroundings", "u", (0.0,), "range")),
+        _convection,
+        "temperature",
+        kinds=(1, 2),
+        at="flow",
+        modelica="y = factor*(u - surroundings)*(abs(u - surroundings) + 1e-12)^0.25;",
+        sentence="Heat that warm air takes along by its own draught.",
+        late=True,
+    ),
+    Law(
+        "load pressure",
+        "load pressure",
+        (Number("supply", "v", (1.2, 4.0), "second", positive=True),),
+        _load_pressure,
+        "own",
+        kinds=(1, 3),
+        at="flow",
+        second="pressure",
+        linear=False,
+        modelica="y = u*(sqrt(max(1 - sign(u)*v/supply, 0)) - 1);",
+        sentence="A valve's flow, which falls as the load's pressure nears the supply's.",
+        late=True,
     ),
 ]

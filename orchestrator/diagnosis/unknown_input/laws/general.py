@@ -1,4 +1,4 @@
-"""Laws of any domain."""
+"""Any domain."""
 
 from __future__ import annotations
 
@@ -21,6 +21,19 @@ def _drift(t, s, n, z, out):
     out[0] = n[0] * t
 
 
+def _step(t, s, n, z, out):
+    out[0] = n[0] * min(max((t - n[1]) / s[2] + 0.5, 0.0), 1.0)
+
+
+def _gain_step(t, s, n, z, out):
+    out[0] = n[0] * s[0] * min(max((t - n[1]) / s[2] + 0.5, 0.0), 1.0)
+
+
+def _with_temperature(t, s, n, z, out):
+    out[0] = n[0] * s[0] * (s[1] - n[1])
+
+
+_TIME = Number("time", "s", (0.25, 0.5, 0.75), "run")
 LAWS = [
     Law(
         "offset",
@@ -61,5 +74,40 @@ LAWS = [
         "own",
         modelica="y = change_per_time*time;",
         sentence="A zero that moves with time.",
+    ),
+    Law(
+        "step at a time",
+        "step",
+        (Number("step", "w"), _TIME),
+        _step,
+        "own",
+        modelica="y = step*min(max((time - time_)/interval + 0.5, 0), 1);",
+        sentence="A zero that jumps: something touches, slips or is switched on.",
+        odds=0.3,
+        late=True,
+    ),
+    Law(
+        "gain that jumps",
+        "step",
+        (Number("change", "1"), _TIME),
+        _gain_step,
+        "own",
+        kinds=(1, 3),
+        modelica="y = change*u*min(max((time - time_)/interval + 0.5, 0), 1);",
+        sentence="A gain that changes at once: a part breaks or a range is switched.",
+        odds=0.3,
+        late=True,
+    ),
+    Law(
+        "gain with temperature",
+        "gain with temperature",
+        (Number("change", "1/v"), Number("reference", "v", (0.0,), "second range")),
+        _with_temperature,
+        "own",
+        kinds=(1, 3),
+        second="temperature",
+        modelica="y = change*u*(v - reference);",
+        sentence="A gain that changes with a temperature.",
+        late=True,
     ),
 ]

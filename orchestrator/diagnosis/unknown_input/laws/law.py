@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
@@ -20,29 +20,33 @@ __all__ = ["Law", "Number", "dimension"]
 
 _DIMENSIONS = {
     "force": ("N", "N.m"), "rate": ("m/s", "rad/s"), "travel": ("m", "rad"), "electric": ("V", "A"),
-    "temperature": ("K",), "flow": ("W", "kg/s", "m3/s"),
+    "temperature": ("K",), "flow": ("W", "kg/s", "m3/s"), "pressure": ("Pa",), "angle": ("rad",),
+    "current": ("A",),
 }  # fmt: skip
 # Places where something can flow off, or through.
-_FLOWS = ("flow", "rate", "number", "temperature", "")
+_FLOWS = ("flow", "rate", "number", "temperature", "pressure", "")
+_PLACES = {"force": ("force", "number"), "flow": _FLOWS, "electric": ("electric",)}
 
 
 @cache
-def dimension(unit: str) -> str:
-    """What a unit measures: a key of `_DIMENSIONS` ("force" is a torque, too), "number", or ""."""
+def _measured(unit: str) -> tuple[str, ...]:
+    """All that a unit measures: keys of `_DIMENSIONS`, or "number"."""
     try:
         found = parse_unit(unit)
     except UnitError:
-        return ""
+        return ()
     if not any(found.exponents):
-        return "number"
-    return next(
-        (
-            what
-            for what, units in _DIMENSIONS.items()
-            if any(parse_unit(one).same_dimension(found) for one in units)
-        ),
-        "",
+        return ("number",)
+    return tuple(
+        what
+        for what, units in _DIMENSIONS.items()
+        if any(parse_unit(one).same_dimension(found) for one in units)
     )
+
+
+def dimension(unit: str) -> str:
+    """What a unit measures: a key of `_DIMENSIONS` ("force" is a torque, too), "number", or ""."""
+    return next(iter(_measured(unit)), "")
 
 
 @dataclass(frozen=True)
@@ -50,9 +54,12 @@ class Number:
     """One of a law's numbers.
 
     Attributes:
-        name: of it. unit: with `w` for the unit at the place and `u` for that of the signal.
+        name: of it.
+        unit: with `w` for the unit at the place, `u` for that of the signal, `v` for that of the second one.
         starts: where fits begin, in multiples of `by`: the signal's "spread", the "interval" of the logs, one
-            over it ("rate"), or "one".
+            over it ("rate"), "one", the length of a "run", the spread of the signal's "slope", the spread
+            times the interval ("step"), the "second" signal's largest size, the "product" of both spreads.
+            "range": parts of the way from the signal's lowest to its highest value; "second range" likewise.
         most: largest size, times the signal's spread; a fit beyond it is another law.
         positive: whether its sign means nothing.
     """
@@ -79,15 +86,21 @@ class Law:
         name, family: families hold laws that logs often cannot tell apart.
         numbers: the amplitude first. sentence: where it occurs.
         code: writes out[0] = w and out[1:] = derivatives of its states; arguments (t, s, n, z, out).
-        reads: "rate", "travel", "temperature", "own" (the signal at the place), or "any" of the component.
-        states: of its own. kinds: places where it acts, as in `Kinds`; empty: all.
+            s[0] is the signal, s[1] the second one, s[2] the interval of the logs [s].
+        reads: "rate", "travel", "angle", "temperature", "current", "own" (the signal at the place), or "any"
+            of the component. second: what a second signal of the component measures; "": it reads one.
+        states: of its own, which start at 0. settled: those, from 0, which start at the signal.
+        kinds: places where it acts, as in `Kinds`; empty: all.
         linear: whether w is proportional to the amplitude.
         at: "force" for laws that make forces and torques, which act only at such a place or at the
-            derivative of a speed; "flow" for what flows off or through; empty: at any place.
+            derivative of a speed; "flow" for what flows off or through; "electric" for voltages and currents;
+            empty: at any place.
         modelica: its equations, of the signal u, the numbers by their names, the states z1, z2, and y = w.
             Without them an answer is not written as a model.
         odds: how likely the law is before the logs are seen, against others. A number that may be wrong is
             listed in the study, so that a gain or an offset elsewhere is less likely.
+        late: whether it is tried only where the other laws leave more than the noise. It then has to halve
+            what they leave.
     """
 
     name: str
@@ -102,6 +115,9 @@ class Law:
     at: str = ""
     modelica: str = ""
     odds: float = 1.0
+    second: str = ""
+    settled: tuple[int, ...] = ()
+    late: bool = False
 
     @cached_property
     def compiled(self) -> Any:
@@ -114,21 +130,57 @@ class Law:
         return int(self.compiled.address)
 
     def values(
-        self, time: NDArray[np.float64], signal: NDArray[np.float64], numbers: Any
+        self, time: NDArray[np.float64], signal: NDArray[np.float64], numbers: Any, interval: float = 1.0
     ) -> NDArray[np.float64]:
-        """w along a signal, shape (n,), of a law without states."""
-        out, made = np.zeros(8), np.empty(len(time))
-        code, rest = self.code, np.zeros(1)
-        n = np.asarray(numbers, np.float64)
+        """w along a signal, shape (n,), or along two, shape (n, 2).
+
+        With states, times are `interval` apart; the states take eight steps of Euler an interval.
+        """
+        out, made, s = np.zeros(8), np.empty(len(time)), np.zeros(3)
+        n, z = np.asarray(numbers, np.float64), np.zeros(max(1, self.states))
+        signals = signal.reshape(len(time), -1)
+        z[list(self.settled)] = signals[0, 0]
+        width, s[2] = signals.shape[1], interval
         for k in range(len(time)):
-            code(time[k], signal[k : k + 1], n, rest, out)
+            s[:width] = signals[k]
+            self.code(time[k], s, n, z, out)
             made[k] = out[0]
+            if self.states and k + 1 < len(time):
+                for part in range(8):
+                    s[:width] = signals[k] + (signals[k + 1] - signals[k]) * part / 8.0
+                    self.code(time[k] + interval * part / 8.0, s, n, z, out)
+                    z += interval / 8.0 * out[1 : 1 + self.states]
         return made
+
+    def starts(self, sizes: Mapping[str, float], begins: Mapping[str, float]) -> list[list[float]]:
+        """Numbers where fits begin; 1 for the amplitude, if w is proportional to it.
+
+        Args:
+            sizes: by each `Number.by`. begins: what is added, 0 where it is not there.
+        """
+        grids: list[list[float]] = [[]]
+        for number in self.numbers[1 if self.linear else 0 :]:
+            begin, size = begins.get(number.by, 0.0), sizes[number.by]
+            grids = [[*some, begin + start * size] for some in grids for start in number.starts]
+        return [[1.0, *some] if self.linear else some for some in grids]
+
+    def typical(self, spreads: Any, numbers: Any, interval: float, length: float) -> float:
+        """Size of w along signals of such spreads, in a run of such a length [s]."""
+        if self.states:
+            time = interval * np.arange(40.0)
+            wave = 1.5 * np.sin(0.4 * np.arange(40.0))
+        else:
+            time, wave = np.full(3, length), np.array([-2.0, 1.0, 4.0])
+        return float(np.abs(self.values(time, np.outer(wave, spreads), numbers, interval)).max())
 
     def fits(self, unit: str, own: bool, place: str) -> bool:
         """Whether it reads a signal of such a unit, and acts at a place of such a dimension."""
-        if self.at and place not in {"force": ("force", "number"), "flow": _FLOWS}[self.at]:
+        if self.at and place not in _PLACES[self.at]:
             return False
         if self.reads == "own":
             return own
-        return self.reads == "any" or dimension(unit) in (self.reads, "number")
+        return self.reads == "any" or self.reads in _measured(unit) or dimension(unit) == "number"
+
+    def fits_second(self, unit: str) -> bool:
+        """Whether its second signal has such a unit."""
+        return self.second in _measured(unit)

@@ -1,4 +1,4 @@
-"""Laws of friction and stiffness."""
+"""Friction and stiffness."""
 
 from __future__ import annotations
 
@@ -59,6 +59,18 @@ def _ripple(t, s, n, z, out):
 
 def _eddy(t, s, n, z, out):
     out[0] = n[0] * s[0] / (1.0 + (s[0] / (abs(n[1]) + 1e-12)) ** 2)
+
+
+def _asymmetric(t, s, n, z, out):
+    out[0] = n[0] * s[0] * s[0]
+
+
+def _imbalance(t, s, n, z, out):
+    out[0] = s[1] * s[1] * (n[0] * math.sin(s[0]) + n[1] * math.cos(s[0]))
+
+
+def _with_position(t, s, n, z, out):
+    out[0] = n[0] * s[0] * (s[1] - n[1])
 
 
 _LEVEL = Number("level", "w")
@@ -194,5 +206,63 @@ LAWS = [
         at="force",
         modelica="y = sine*sin(u) + cosine*cos(u);",
         sentence="Imbalance, or gravity on an axis that is not vertical.",
+    ),
+    Law(
+        "preload",
+        "play",
+        (_LEVEL, _CORNER),
+        _coulomb,
+        "travel",
+        at="force",
+        modelica="y = level*tanh(u/corner);",
+        sentence="A spring under load at its middle, which lets go only above a force.",
+        late=True,
+    ),
+    Law(
+        "asymmetric stiffness",
+        "stiffness",
+        (Number("factor", "w/u2"),),
+        _asymmetric,
+        "travel",
+        at="force",
+        modelica="y = factor*u^2;",
+        sentence="A spring that is stiffer one way, as of a loudspeaker.",
+        late=True,
+    ),
+    Law(
+        "imbalance",
+        "ripple",
+        (Number("sine", "w/v2"), Number("cosine", "w/v2", (0.0,), "one")),
+        _imbalance,
+        "angle",
+        at="force",
+        second="rate",
+        modelica="y = v^2*(sine*sin(u) + cosine*cos(u));",
+        sentence="A centrifugal force, which grows with the square of the speed.",
+        late=True,
+    ),
+    Law(
+        "friction with position",
+        "viscous friction",
+        (Number("factor", "w/(u.v)"), Number("reference", "v", (0.0,), "second range")),
+        _with_position,
+        "rate",
+        at="force",
+        second="travel",
+        modelica="y = factor*u*(v - reference);",
+        sentence="A guide that is tighter at one end.",
+        late=True,
+    ),
+    Law(
+        "friction with temperature",
+        "viscous friction",
+        (Number("factor", "w/(u.v)"), Number("reference", "v", (0.0,), "second range")),
+        _with_position,
+        "rate",
+        at="force",
+        second="temperature",
+        modelica="y = factor*u*(v - reference);",
+        sentence="Oil that is thinner when warm.",
+        late=True,
     ),
 ]

@@ -1,0 +1,61 @@
+"""Sensors.
+
+Offset, gain, drift, lag, delay, play and saturation act at outputs as anywhere else.
+"""
+
+from __future__ import annotations
+
+import math
+
+from .law import Law, Number
+
+
+def _cross_talk(t, s, n, z, out):
+    out[0] = n[0] * s[0]
+
+
+def _curved(t, s, n, z, out):
+    out[0] = n[0] * s[0] * s[0]
+
+
+def _eccentric(t, s, n, z, out):
+    out[0] = n[0] * math.sin(s[0]) + n[1] * math.cos(s[0])
+
+
+_SENSOR = (3,)
+LAWS = [
+    Law(
+        "cross-talk",
+        "cross-talk",
+        (Number("share", "w/u"),),
+        _cross_talk,
+        "any",
+        kinds=_SENSOR,
+        modelica="y = share*u;",
+        sentence="A sensor that shows a share of another signal, as if misaligned.",
+        odds=0.3,
+        late=True,
+    ),
+    Law(
+        "curved scale",
+        "gain curve",
+        (Number("factor", "w/u2"),),
+        _curved,
+        "own",
+        kinds=_SENSOR,
+        modelica="y = factor*u^2;",
+        sentence="A sensor whose gain changes along its range.",
+        late=True,
+    ),
+    Law(
+        "eccentric scale",
+        "ripple",
+        (Number("sine", "w"), Number("cosine", "w", (0.0,), "one")),
+        _eccentric,
+        "angle",
+        kinds=_SENSOR,
+        modelica="y = sine*sin(u) + cosine*cos(u);",
+        sentence="An encoder whose disc is not centred.",
+        late=True,
+    ),
+]
