@@ -17,7 +17,7 @@ from .laws import Law, dimension, library
 from .model import Inserted, Kinds, Place, StateModel
 from .places import Ranked, Runs, loglik, smoothed_at
 
-__all__ = ["Candidate", "Fitted", "fit", "readable", "screened", "starts_of"]
+__all__ = ["Candidate", "Fitted", "fit", "readable", "screened", "spread_out", "starts_of"]
 
 Array = NDArray[np.float64]
 # Samples of a run that the regression looks at.
@@ -196,8 +196,8 @@ def screened(
             for some, best in zip((found, beyond), both, strict=True):
                 if best is not None and np.isfinite(best[1]).all():
                     some.append(replace(one, numbers=tuple(best[1]), share=best[0]))
-    kept = _spread_out(found, most, 3)
-    kept += _spread_out([one for one in beyond if one.name not in {k.name for k in kept}], most // 2, 2)
+    kept = spread_out(found, most, 3)
+    kept += spread_out([one for one in beyond if one.name not in {k.name for k in kept}], most // 2, 2)
     return [*kept, *[*_sensors(model, runs), *blind][:_BLIND]]
 
 
@@ -216,7 +216,7 @@ def _sensors(model: StateModel, runs: Runs) -> list[Candidate]:
     ]
 
 
-def _spread_out(found: Sequence[Candidate], most: int, each: int) -> list[Candidate]:
+def spread_out(found: Sequence[Candidate], most: int, each: int) -> list[Candidate]:
     """The best ones, at most `each` of one law."""
     kept: list[Candidate] = []
     for one in sorted(found, key=lambda one: one.share, reverse=True):

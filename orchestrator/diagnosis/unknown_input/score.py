@@ -23,6 +23,8 @@ __all__ = ["SAMPLES", "Scores", "scored"]
 Array = NDArray[np.float64]
 # Samples of a run that are looked at, and share of the signal at the place that a law's amplitude tries.
 SAMPLES, _SMALL = 1500, 1e-3
+# Share of the residual below which a law is not tried again.
+_FAINT = 0.05
 # Laws whose effects agree this well are one for the logs.
 _SAME = 0.9999
 
@@ -94,22 +96,26 @@ def scored(
                     if not typical > 0.0:
                         continue
                     numbers[0] *= _SMALL * runs.spread_at(place) / typical
-                change = with_law.residual(np.concatenate([constants, numbers])) - residual
-                before = float(change @ change)
-                change -= basis @ (basis.T @ change)
-                power = float(change @ change)
-                # What parameters and start states change as well is no other law.
-                if not np.isfinite(power) or power <= 1e-6 * before or power <= 1e-20 * whole:
-                    continue
-                factor = -float(change @ left) / power
-                if not law.linear and not 0.1 < factor < 10.0:
-                    continue
-                share = float(change @ left) ** 2 / power / whole
-                if best is None or share > best[0].share:
+                # A law that is tried late is tried again with the amplitude that this gives.
+                for _ in range(1 + late):
+                    change = with_law.residual(np.concatenate([constants, numbers])) - residual
+                    before = float(change @ change)
+                    change -= basis @ (basis.T @ change)
+                    power = float(change @ change)
+                    # What parameters and start states change as well is no other law.
+                    if not np.isfinite(power) or power <= 1e-6 * before or power <= 1e-20 * whole:
+                        break
+                    factor = -float(change @ left) / power
+                    if not law.linear and not 0.1 < factor < 10.0:
+                        break
+                    share = float(change @ left) ** 2 / power / whole
                     if law.linear:
                         numbers[0] *= factor
-                    candidate = replace(one, numbers=tuple(numbers.tolist()), share=share)
-                    best = candidate, -change / np.sqrt(power)
+                    if best is None or share > best[0].share:
+                        candidate = replace(one, numbers=tuple(numbers.tolist()), share=share)
+                        best = candidate, -change / np.sqrt(power)
+                    if not law.linear or share < _FAINT:
+                        break
             if best is not None:
                 found.append(best)
     found.sort(key=lambda each: each[0].share, reverse=True)

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from ...base.errors import ConfigError
 from ..ports.study import PortStudy, Role
 from .judge import closed, likely, replayed
-from .law_fit import Candidate, Fitted, fit, screened
+from .law_fit import Candidate, Fitted, fit, screened, spread_out
 from .model import StateModel
 from .places import Ranked, Runs, rank, smoothed_at
 from .played import PlayedModel
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 # Laws that are fitted by a few steps, and of these the ones that are fitted to the end.
 _TRIED, _KEPT, _STEPS, _RIVALS = 12, 3, 5, 4
 # Laws that are tried late, and fitted to the end.
-_LATE, _LATE_KEPT = 5, 1
+_LATE, _LATE_KEPT = 8, 1
 # The logs are explained where this much of the noise is left.
 _EXPLAINED, _MOST = 1.1, 0.98
 # A second law must close this share of what the first leaves, and gain so many nats.
@@ -242,7 +242,7 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
             every += singles
             if not search.explained(every):
                 progress("rarer laws")
-                late = search.scores((), search.base, late=True).candidates[:_LATE]
+                late = spread_out(search.scores((), search.base, late=True).candidates, _LATE, 1)
                 rare = search.tried([[one] for one in late], kept=_LATE_KEPT)
                 every += rare
                 singles = sorted([*singles, *rare], key=lambda each: each[1].remains)
