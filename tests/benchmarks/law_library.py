@@ -66,7 +66,8 @@ class System:
 def _tones(size: float, slow: float = 0.5, fast: float = 8.0) -> Callable[..., np.ndarray]:
     def made(random: Any, time: np.ndarray) -> np.ndarray:
         tones, phases = random.uniform(slow, fast, 6), random.uniform(0.0, 6.3, 6)
-        return size * np.sin(np.outer(time, tones) + phases).sum(axis=1) / 3.0
+        # From rest, so that lags and plays begin where the search lets them begin.
+        return size * (1.0 - np.exp(-5.0 * time)) * np.sin(np.outer(time, tones) + phases).sum(axis=1) / 3.0
 
     return made
 
