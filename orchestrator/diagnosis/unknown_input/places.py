@@ -109,6 +109,10 @@ class Runs:
                 at += one.states
         return found
 
+    def hidden_scale(self, laws: Sequence[Inserted]) -> Array:
+        """Sizes of the laws' own states, for differences."""
+        return np.repeat([self.spread[one.signals[0]] for one in laws], [one.states for one in laws])
+
     def passes(
         self,
         laws: Sequence[Inserted] = (),
@@ -140,7 +144,7 @@ class Runs:
         sizes = np.concatenate(
             [
                 self.scale[:nx],
-                np.full(nh, 1e-9),
+                self.hidden_scale(laws),
                 self.scale[nx:],
                 [abs(one) for _, one in priors],
                 [w_scale] * order,

@@ -124,7 +124,7 @@ class Replays:
     def _along(self, constants: Array, begin: Sequence[Array], sizes: Array, nc: int) -> Array:
         """The same by the system's Jacobians along the runs."""
         nx, first = len(self.scale), len(self.scale) + self.hidden
-        tiny = np.concatenate([self.scale, np.full(self.hidden, 1e-9), sizes])
+        tiny = np.concatenate([self.scale, self.runs.hidden_scale(self.laws), sizes])
         parts = []
         for k, (ext, held, _) in enumerate(self.data):
             own = self.runs.hidden(k, self.laws, begin[k], constants)
