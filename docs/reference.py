@@ -64,6 +64,8 @@ _RETURNED = (
     "orchestrator.frequency.delay_system:Modes",
     "orchestrator.frequency.delay_system:Mode",
     "orchestrator.frequency.margins:Margins",
+    "orchestrator.frequency.chart:Chart",
+    "orchestrator.frequency.describing:LimitCycle",
     "orchestrator.translate.build_report:BuildReport",
     "orchestrator.diagnosis.diagnosed:Diagnosed",
     "orchestrator.diagnosis.unknown_input.diagnose:DiagnosedSystem",
