@@ -43,7 +43,9 @@ def test_hidden_states_of_a_foreign_fmu_are_found(tmp_path):
     config = {
         "run": {"master": "jacobi", "step_size": "10 ms", "stop_time": "1 s"},
         "instances": {"one": {"fmu": str(path)}},
-        "connections": [{"from": "one.y", "to": "one.u", "through": [{"gain": "-3 1/s"}, {"delay": "0.2 s"}]}],
+        "connections": [
+            {"from": "one.y", "to": "one.u", "through": [{"gain": "-3 1/s"}, {"delay": "0.2 s"}]}
+        ],
     }
     found = linearise(config).modes().modes[0].root
     assert found + 3.0 * np.exp(-0.2 * found) == pytest.approx(0.0, abs=1e-5)
