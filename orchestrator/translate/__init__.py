@@ -1,6 +1,6 @@
-"""Modelica and Python models to FMUs for co-simulation.
+"""Modelica and Python models to FMUs.
 
-What a Modelica model may hold:
+What a Modelica model of the explicit route may hold:
 
 - Real, Integer and Boolean variables and arrays of them; constants, parameters, parameters and start values
   that depend on parameters; components, connectors and connections, inheritance, replaceable classes.
@@ -10,11 +10,10 @@ What a Modelica model may hold:
   and `div` within `noEvent`; `sum`, `product`, `size`, `fill`, `zeros`, `ones`, `transpose`, matrix products.
 - Relations, which raise events outside `noEvent`; linear algebraic loops; `assert` in the equation section.
 
-Everything else is refused with a message that names file and line: when-equations and what belongs to them,
-algorithms and functions of one's own, initial equations, conditional components, enumerations and strings,
-nonlinear algebraic loops, systems that need index reduction.
+Everything else takes the route of `hybrid`, or is refused with a message that names file, line and column.
 
-`build.build` makes an FMU; `library` rebuilds the shipped ones.
+`build.build` makes an FMU, `check.check_model` lists a model's faults, `show.show_model` prints what
+became of it; `library` rebuilds the shipped FMUs.
 
 Imports `simulation` and the packages below it.
 """

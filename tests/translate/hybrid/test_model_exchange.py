@@ -264,6 +264,19 @@ def test_fmi3_returns_early_at_events_where_allowed(tmp_path):
         one.freeInstance()
 
 
+@VERSIONS
+def test_the_product_integrates_them_as_well(tmp_path, version):
+    ball = {"fmu": str(made(tmp_path, BALL, version)), "interface": "model-exchange", "tolerance": 1e-9}
+    config = {
+        "run": {"master": "jacobi", "step_size": "10 ms", "stop_time": "2 s"},
+        "instances": {"ball": ball},
+    }
+    found = orc.run(config, halving=False)
+    heights, counts = bounced(np.arange(len(found["ball.h"])) * 0.01)
+    assert np.abs(np.array(found["ball.h"]) - heights).max() < 1e-5
+    assert (np.array(found["ball.bounces"]) == counts).all()
+
+
 def test_calls_of_the_other_kind_are_refused(tmp_path):
     """Steps of an instance for model exchange, and times of one for co-simulation."""
     fmu = made(tmp_path, BALL, "3.0")
