@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import scipy.linalg
@@ -31,6 +31,9 @@ from .delay_system import FILTER, DelaySystem, Link, Modes
 from .margins import Margins
 from .measured_part import answer, measured_part, passage
 from .statespace import StateSpace, linearised, real_ports
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["Chain", "LateInput", "Law", "LinearPoint", "Linearised", "chains_of", "linearise", "refusal"]
 
@@ -125,6 +128,36 @@ class Linearised:
         modes = modes or self.modes()
         found = {name: self.system.margins(name, modes) for name in names or self.system.loops()}
         return dict(sorted(found.items(), key=lambda item: item[1].modulus_margin))
+
+    def bode(self, connection: str = "") -> Figure:
+        """Bode diagram of the open loop at a connection; without one, at the weakest."""
+        from . import figures
+
+        return figures.bode(*self._opened(connection))
+
+    def nyquist(self, connection: str = "") -> Figure:
+        """Nyquist diagram of the open loop at a connection; without one, at the weakest."""
+        from . import figures
+
+        return figures.nyquist(*self._opened(connection))
+
+    def nichols(self, connection: str = "") -> Figure:
+        """Nichols diagram of the open loop at a connection; without one, at the weakest."""
+        from . import figures
+
+        return figures.nichols(*self._opened(connection))
+
+    def _opened(self, connection: str) -> tuple[str, Array, NDArray[np.complex128]]:
+        """Name of a connection, frequencies around its crossovers [rad/s], and its open loop there."""
+        modes = self.modes()
+        found = self.margins(modes, [connection] if connection else ())
+        if not found:
+            raise ConfigError([Problem("system", "no connection lies within a feedback loop")])
+        name, one = next(iter(found.items()))
+        sizes = [abs(mode.root) for mode in modes.modes if abs(mode.root) > 1e-9][:2]
+        sizes += [each.omega for each in one.crossovers]
+        omega = np.geomspace(0.05 * min(sizes or [1.0]), 20.0 * max(sizes or [1.0]), 1500)
+        return name, omega, self.system.open_loop(name, omega)
 
     def __repr__(self) -> str:
         modes = self.modes().modes

@@ -91,6 +91,17 @@ def test_filters_become_states():
     assert len(names) == 1
 
 
+def test_linear_systems_draw_their_loops():
+    linear = orc.linearise("emps")
+    name = "controller.voltage -> drive.voltage"
+    assert linear.bode().axes[0].get_title() == "drive.position -> controller.position"
+    upper, _ = linear.bode(name).axes
+    hertz, level = upper.lines[0].get_data()
+    expected = linear.system.to_response(name, 2.0 * np.pi * hertz).magnitude
+    assert level == pytest.approx(20.0 * np.log10(expected), abs=1e-9)
+    assert linear.nyquist(name).axes[0].get_title() == linear.nichols(name).axes[0].get_title() == name
+
+
 def test_the_command_reports_and_draws(tmp_path, capsys):
     assert main(["stability", "emps", "--out", str(tmp_path), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
