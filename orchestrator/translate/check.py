@@ -83,7 +83,7 @@ def check_model(model_file: Path, *, model: str | None = None, libraries: Sequen
     try:
         checker.run(model)
     except BuildError as error:
-        checker.add("syntax", str(error))
+        checker.add("model", str(error))
     return checker.report()
 
 

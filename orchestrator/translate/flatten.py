@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
@@ -124,14 +125,18 @@ def message_of(tree: SourceTree, model: str, partial: bool = False) -> str:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Without what the compiler writes to the standard error itself when it panics."""
-    kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nothing, 2)
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nothing)
+    with _ONE_AT_A_TIME:  # the descriptor is the process's
+        kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+        try:
+            os.dup2(nothing, 2)
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            os.close(nothing)
+
+
+_ONE_AT_A_TIME = threading.RLock()
 
 
 def _restore_offsets(json: Any, paths: dict[int, str], tree: SourceTree) -> None:
