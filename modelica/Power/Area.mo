@@ -19,7 +19,7 @@ model Area "Machine, turbine and governor of an area, with its load-frequency co
   Real mechanical(unit="1", start=0, fixed=true) "Power of the turbine";
   Real valve(unit="1", start=0, fixed=true) "Position of the valve";
 protected
-  constant Real pi = 3.141592653589793;
+  constant Real pi(unit="1") = 3.141592653589793;
 equation
   exchange = tie*(angle - other_angle);
   der(angle) = 2*pi*nominal_frequency*deviation;

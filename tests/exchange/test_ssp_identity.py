@@ -131,10 +131,15 @@ def test_without_annotation_the_numbers_come_back(name, tmp_path):
     config = load_config(stripped(path, tmp_path / "Y.ssp"), ["run.master=gauss-seidel"])
     back = prepare({**config.model.to_data(), "run": {**config.model.to_data()["run"], "master": master}})
     assert back.grid == prepared.grid
-    if written.lost:
-        assert name == "docking-6d-multibody"
-        assert written.lost == ("connections[4]: other tools carry the value without delay",)
-    else:
+    delayed = [
+        index
+        for index, one in enumerate(prepared.system.connections)
+        if one.wire is not None and any(link.name == "delay" for link in one.wire.links)
+    ]
+    assert written.lost == tuple(
+        f"connections[{index}]: other tools carry the value without delay" for index in delayed
+    )
+    if not delayed:
         same_system(prepared.system, back.system)
 
 
