@@ -133,8 +133,8 @@ def test_without_annotation_the_numbers_come_back(name, tmp_path):
     assert back.grid == prepared.grid
     delayed = [
         index
-        for index, one in enumerate(prepared.system.connections)
-        if one.wire is not None and any(link.name == "delay" for link in one.wire.links)
+        for index, one in enumerate(prepared.config.model.to_data()["connections"])
+        if isinstance(one, dict) and any("delay" in effect for effect in one.get("through", ()))
     ]
     assert written.lost == tuple(
         f"connections[{index}]: other tools carry the value without delay" for index in delayed
