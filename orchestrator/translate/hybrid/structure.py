@@ -178,6 +178,7 @@ def unbalanced(model: DaeModel, states: Sequence[Expr], algebraics: Sequence[Exp
 def _without_aliases(model: DaeModel, by_symbol: dict[Expr, Scalar]) -> tuple[DaeModel, dict[Expr, Expr]]:
     """Take equations a = b and a = -b out, and replace one by the other in all others."""
     aliases: dict[Expr, Expr] = {}
+    holders: dict[Expr, set[Expr]] = {}  # symbol -> aliases whose values hold it
     rest, origins = [], []
     for equation, origin in zip(model.equations, _places(model.origins, model.equations), strict=True):
         now = ex.substituted(equation, aliases)
@@ -188,7 +189,13 @@ def _without_aliases(model: DaeModel, by_symbol: dict[Expr, Scalar]) -> tuple[Da
             continue
         variable, value = found
         by = {variable: value}
-        aliases = {one: ex.substituted(other, by) for one, other in aliases.items()} | by
+        for one in holders.pop(variable, ()):
+            aliases[one] = ex.substituted(aliases[one], by)
+            for held in aliases[one].free:
+                holders.setdefault(held, set()).add(one)
+        aliases[variable] = value
+        for held in value.free:
+            holders.setdefault(held, set()).add(variable)
     known: dict[int, Expr] = {}
 
     def replaced(one: Expr) -> Expr:
@@ -256,12 +263,12 @@ def _reduced(model: DaeModel, states: list[Expr], algebraics: list[Expr]) -> lis
         return ex.symbol("der", one.args[1], one.args[2] + 1 if kind == "der" else 1)
 
     owner: dict[Expr, int] = {}
+    highest = set(variables) - raised.keys()
     for number in range(len(model.equations)):
         current = number
         for _ in range(_HIGHEST_ORDER * len(equations) + 1):
             seen_equations: set[int] = set()
             seen: set[Expr] = set()
-            highest = {one for one in variables if one not in raised}
             if _augment(current, equations, highest, owner, seen_equations, seen):
                 break
             if not seen and not (equations[current].free & set(variables)):
@@ -276,6 +283,8 @@ def _reduced(model: DaeModel, states: list[Expr], algebraics: list[Expr]) -> lis
                     raise _singular(model, seen)
                 raised[one] = ex.symbol("der", one.args[1], order)
                 variables.append(raised[one])
+                highest.discard(one)
+                highest.add(raised[one])
             for place in sorted(seen_equations):
                 try:
                     made = ex.derivative(equations[place], seeds)
