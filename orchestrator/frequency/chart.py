@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from ..base.errors import ConfigError, OrchestratorError, Problem
 from ..base.quantities import Measure, quantity
 from ..base.units import parse_unit
-from ..plotting.figures import COLORS
 from ..simulation.run import Prepared, prepare
 from .delay_system import DelaySystem, Link
 from .from_system import Linearised, linearise
@@ -560,6 +559,8 @@ def chart_figure(
         points: further points, x and y by name.
     """
     from matplotlib.figure import Figure
+
+    from ..plotting.figures import COLORS
 
     figure = Figure(figsize=(7.5, 5.0), layout="constrained")
     axes = figure.subplots()

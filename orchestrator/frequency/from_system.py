@@ -105,6 +105,7 @@ class Linearised:
         parts: the state space of each instance, by its name.
         late: inputs that act after a delay within their FMU, as "robot.command".
         laws: of instances whose equations a measure of the config knows.
+        chosen: whether a measure of the config chose the operating point.
     """
 
     system: DelaySystem
@@ -113,6 +114,7 @@ class Linearised:
     parts: Mapping[str, StateSpace]
     late: Mapping[str, LateInput]
     laws: Mapping[str, Law] = field(default_factory=dict)
+    chosen: bool = False
 
     def modes(self, count: int = 6) -> Modes:
         """The rightmost modes; see `DelaySystem.modes`."""
@@ -183,9 +185,10 @@ def linearise(
     """
     prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
     point = point or _known_point(prepared)
-    if at_time is None:
-        prepared = _started(prepared, point.start)
-    return _linearised(prepared, at_time, point.laws)
+    if at_time is not None:
+        return _linearised(prepared, at_time, point.laws)
+    made = _linearised(_started(prepared, point.start), None, point.laws)
+    return replace(made, chosen=bool(point.start))
 
 
 def _known_point(prepared: Prepared) -> LinearPoint:

@@ -9,7 +9,6 @@ import numpy as np
 
 from ..base.errors import ConfigError, Problem, listed, nearest
 from ..simulation.run import Prepared
-from . import figures
 from .delay_system import Modes
 from .disk import DiskMargin, disk_margin, sensitivity
 from .from_system import Linearised, linearise
@@ -186,6 +185,8 @@ def _disk_in_words(one: dict[str, Any]) -> str:
 
 def system_figures(report: dict[str, Any], linear: Linearised) -> dict[str, Any]:
     """Figures by name: roots and participation; of the weakest connection Bode, Nyquist, Nichols, step."""
+    from . import figures
+
     made = {
         "roots": figures.root_map(report["modes"], report["sampled"].get("modes", ())),
         "participation": figures.participation(report["modes"]),

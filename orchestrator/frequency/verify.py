@@ -53,6 +53,10 @@ def verified(
     Raises: OrchestratorError if no mode can be excited or none is found; StepError if a run fails.
     """
     overrides = tuple(overrides)
+    if linear.chosen:
+        what = "it is linear around a point that a measure of the config chose: a run does not stay there"
+        remedy = "Compare what the measure adds to the report with a run."
+        raise ConfigError([Problem("--verify", what, "", remedy)])
     modes = linear.modes()
     mode = modes.dominant
     if mode is None:
