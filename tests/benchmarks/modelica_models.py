@@ -20,6 +20,8 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -75,21 +77,36 @@ def tried(path: Path, libraries: list[Path], references: Path | None) -> None:
     from orchestrator.translate.audit import experiment
     from orchestrator.translate.build import compiled, model_identifier
     from orchestrator.translate.hybrid import build as hybrid
-    from orchestrator.translate.hybrid.front_end import prepared
+    from orchestrator.translate.hybrid.front_end import needs_functions, prepared
     from orchestrator.translate.package import this_platform, write_fmu
     from orchestrator.translate.sources import load_sources
 
     tree = load_sources(path)
-    with tree.marked_copy(renamed=False) as folder, tempfile.TemporaryDirectory() as scratch:
-        roots, _ = prepared(tree, folder, libraries)
-        session = rumoca.Session(roots=[str(folder), *map(str, roots)])
+    with ExitStack() as stack:
+        scratch = stack.enter_context(tempfile.TemporaryDirectory())
+
+        @cache
+        def session(functions: bool) -> tuple[Any, Path]:
+            folder = stack.enter_context(tree.marked_copy(renamed=False))
+            roots, _ = prepared(tree, folder, libraries, functions)
+            return rumoca.Session(roots=[str(folder), *map(str, roots)]), folder
+
+        def loaded(name: str, functions: bool = False) -> Any:
+            compiler, folder = session(functions)
+            try:
+                model = compiler.load(str(folder / tree.main), model=name)
+                return model, json.loads(model.to_json("dae"))
+            except rumoca.RumocaError as error:
+                if functions or not needs_functions(str(error)):
+                    raise
+            return loaded(name, True)
+
         for line in sys.stdin:
             name, stage = line.strip(), "compiler"
             answer: dict[str, Any] = {}
             messages: list[str] = []
             try:
-                model = session.load(str(folder / tree.main), model=name)
-                document = json.loads(model.to_json("dae"))
+                model, document = loaded(name)
                 stage = "translation"
                 # Read once, by the session that holds the library.
                 hybrid.dae_form = lambda *_, read=document: read

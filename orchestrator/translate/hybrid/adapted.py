@@ -69,6 +69,7 @@ def adapted(
     objects: Objects | None = None,
     common: bool = False,
     models: frozenset[str] = frozenset(),
+    functions: bool = True,
 ) -> str:
     """A file as the compiler takes it.
 
@@ -77,12 +78,13 @@ def adapted(
         objects: what `external_objects` found.
         common: whether its models extend `ANY`.
         models: qualified names of models, which imports must not go through.
+        functions: whether those with while, break or return become external: the compiler evaluates none.
     """
     rewrites: list[tuple[bool, Callable[[str, Sequence[Token], list[_Class]], Iterator[_Edit]]]] = [
         (bool(re.search(r"\bder\s*\(\s*(?![\w.\[\]]*\s*\))", text)), _derivatives),
         (any(one in text for one in objects or ()), lambda *all_of: _objects(*all_of, objects or {})),
         (bool(re.search(r"\bderivative\s*[=(]", text)), _annotated),
-        (bool(re.search(r"\b(while|break|return)\b", text)) and "function" in text, _functions),
+        (functions and bool(re.search(r"\b(while|break|return)\b", text)), _functions),
         (bool(re.search(r"\bencapsulated\s+partial\s+model\b", text)), _lifted),
         (
             any(

@@ -335,7 +335,7 @@ class _Reader:
     def _complete(self, variable: Json, places: np.ndarray, scalars: list[Scalar]) -> None:
         attributes = variable["attributes"]
         ours = [scalars[one.args[1]] for one in places.ravel()]
-        if ours and ours[0].type == "string":
+        if not ours or ours[0].type == "string":
             return
         fixed = attributes.get("fixed") or [variable["role"] in ("parameter", "constant")]
         for one, value in zip(ours, itertools.cycle(fixed), strict=False):
@@ -831,7 +831,12 @@ class _Reader:
                 ("parameter", place): self._at(one, bound) for place, one in enumerate(operands)
             }
             self._statements(function["statements"], inside)
-            return inside["value", content["output"]]
+            found = inside["value", content["output"]]
+            # Where an assertion fails, the function has no value, and the run ends.
+            if (holds := inside.get("holds", ex.ONE)) is ex.ONE:
+                return found
+            kept = partial(_each, lambda one: ex.conditional(holds, one, ex.number(np.nan)))
+            return tuple(map(kept, found)) if isinstance(found, tuple) else kept(found)
         except KeyError as error:
             raise _refuse(
                 self._name, f"the function {function['name']}() (a value before it is set)"
@@ -977,6 +982,9 @@ class _Reader:
                 for values in itertools.product(*(values for _, values in binders)):
                     inside.update(zip((key for key, _ in binders), values, strict=True))
                     self._statements(content["statements"], inside)
+            elif kind == "assertion" and content.get("level") == "error":
+                holds = self._one(content["condition"], inside)
+                inside["holds"] = ex.logical("and", inside.get("holds", ex.ONE), holds)
             else:
                 raise _refuse(self._name, f"a statement of the kind {kind} in a function")
 

@@ -93,6 +93,7 @@ def _forms(
     time_limit: float,
     partial: bool,
     stages: tuple[str, ...],
+    functions: bool = False,
 ) -> tuple[dict[str, Any], Spans]:
     """The compiler's forms of a model by their names, and places."""
     libraries = _used(tree, libraries)
@@ -103,7 +104,7 @@ def _forms(
     # Names of a library cannot be changed, so those of the model stay as well.
     with tree.marked_copy(renamed=not libraries) as folder:
         restored = tree.restored if not libraries else str
-        roots, changed = prepared(tree, folder, libraries)
+        roots, changed = prepared(tree, folder, libraries, functions)
         inserted = called_partial(tree, model, folder) if partial else ("", 0, 0)
         asked = {
             "roots": [str(folder), *map(str, roots)],
@@ -125,6 +126,8 @@ def _forms(
                 f"for {model}"
             ) from None
         if done.returncode:
+            if not functions and needs_functions(done.stderr):
+                return _forms(tree, model, libraries, time_limit, partial, stages, functions=True)
             if wrong := syntax_faults(tree.texts, tree.shown):
                 raise BuildError("\n".join(wrong))
             text = restored(done.stderr.strip() or "it ended without a message")
@@ -157,14 +160,23 @@ def _used(tree: SourceTree, libraries: Sequence[Path]) -> list[Path]:
     return found
 
 
-def prepared(tree: SourceTree, folder: Path, libraries: Sequence[Path]) -> tuple[list[Path], frozenset[str]]:
+def needs_functions(refusal: str) -> bool:
+    """Whether the compiler refuses statements of a function; see `prepared`."""
+    return bool(re.search(r"owner `function (statement|return|loop)|missing function value", refusal))
+
+
+def prepared(
+    tree: SourceTree, folder: Path, libraries: Sequence[Path], functions: bool = False
+) -> tuple[list[Path], frozenset[str]]:
     """Rewrite the copy of a model's sources as the compiler takes them.
 
+    Args:
+        functions: whether those with while, break or return become external.
     Returns: the folders of libraries as it takes them; files of the model that differ from before.
     """
     roots, objects = [], {}
     for library in libraries:
-        root, found = _adapted_library(library)
+        root, found = _adapted_library(library, functions)
         roots.append(root)
         objects |= found
     before = {path: path.read_bytes() for path in folder.rglob("*.mo")}
@@ -174,7 +186,7 @@ def prepared(tree: SourceTree, folder: Path, libraries: Sequence[Path]) -> tuple
     objects |= external_objects(texts.values())
     common, models = _of_all(tree)
     for path, text in texts.items():
-        if (new := adapted(text, path.name, objects, common, models)) != text:
+        if (new := adapted(text, path.name, objects, common, models, functions)) != text:
             path.write_bytes(new.encode())
     if common:
         (folder / f"{ANY}.mo").write_text(ANY_MODEL)
@@ -195,7 +207,7 @@ def _of_all(tree: SourceTree) -> tuple[bool, frozenset[str]]:
     return common, frozenset(one.name for one in tree.classes.values() if one.kind in ("model", "block"))
 
 
-def _adapted_library(library: Path) -> tuple[Path, Objects]:
+def _adapted_library(library: Path, functions: bool) -> tuple[Path, Objects]:
     """A library's folder as the compiler takes it, and its external objects.
 
     The compiler reads a folder that it knows several times as fast, so that copies are kept.
@@ -204,7 +216,7 @@ def _adapted_library(library: Path) -> tuple[Path, Objects]:
     stats = [(str(one.relative_to(library)), one.stat()) for one in paths]
     state = [(name, stat.st_size, stat.st_mtime_ns) for name, stat in stats]
     kept = cache_folder("libraries") / digest_of(
-        json.dumps([file_digest(Path(rules.__file__)), str(library.resolve()), state]).encode()
+        json.dumps([file_digest(Path(rules.__file__)), str(library.resolve()), functions, state]).encode()
     )
     kept.parent.mkdir(parents=True, exist_ok=True)
     texts = {path: path.read_text(encoding="utf-8") for path in paths}
@@ -214,7 +226,7 @@ def _adapted_library(library: Path) -> tuple[Path, Objects]:
             for path, text in texts.items():
                 target = Path(scratch) / "root" / path.relative_to(library)
                 target.parent.mkdir(parents=True, exist_ok=True)
-                target.write_bytes(adapted(text, str(path), objects).encode())
+                target.write_bytes(adapted(text, str(path), objects, functions=functions).encode())
             with contextlib.suppress(OSError):  # another process was first
                 (Path(scratch) / "root").rename(kept)
     return kept, objects
