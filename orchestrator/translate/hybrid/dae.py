@@ -309,6 +309,18 @@ class _Reader:
             for one in self._s[key]:
                 target = self._elements[one["target"]].ravel()
                 values += list(zip(target, self._flat(one["value"], len(target)), strict=True))
+        # An initial equation v = expression of a discrete variable is its initial value.
+        held = {one.value for one in scalars if one.role == "discrete"}
+        places = []
+        for place, one in enumerate(initial):
+            sides = one.args if one.op == "sub" else ()
+            for target, value in (sides, sides[::-1]) if sides else ():
+                if target in held - {known for known, _ in values} and target not in value.free:
+                    values.append((target, value))
+                    places.append(place)
+                    break
+        for place in reversed(places):
+            del initial[place], initial_origins[place]
         clocks = [self._clock(one["kind"]) for one in self._s["clocks"]]
         instants = [self._ratio(one["instant"]) for one in self._s["time_events"] if "instant" in one]
         expand_derivatives(self._name, scalars, equations)

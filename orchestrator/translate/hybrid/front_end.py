@@ -275,12 +275,15 @@ class FunctionTexts:
 
 
 def modernised(folder: Path) -> None:
-    """Name the units of version 3 of the Modelica Standard Library as version 4 does.
+    """Name the units and frequencies of version 3 of the Modelica Standard Library as version 4 does.
 
     As its own conversion script ConvertModelica_from_3.2.3_to_4.0.0 does.
     """
     for path in folder.rglob("*.mo"):
         text = path.read_text()
+        if re.search(r"\bfreqHz\s*=", text) and not re.search(r"\w\s+freqHz\b", text):
+            text = re.sub(r"\bfreqHz(\s*=)", r"f\1", text)
+            path.write_text(text)
         if "Modelica.SIunits" in text:
             text = re.sub(r"\bimport\s+Modelica\.SIunits\s*;", "import SIunits = Modelica.Units.SI;", text)
             text = text.replace("Modelica.SIunits.Conversions", "Modelica.Units.Conversions")

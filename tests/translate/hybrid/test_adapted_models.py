@@ -577,3 +577,21 @@ end M;
     heights, _ = bounced(found["time"])
     assert found["h"] == pytest.approx(heights, abs=1e-8)
     assert found["w"] == pytest.approx(found["v"], abs=1e-9)
+
+
+def test_initial_equations_begin_discrete_variables(tmp_path):
+    fmu = made(tmp_path, """
+model M
+  Real x(start=2, fixed=true);
+  Real top;
+initial equation
+  top = 3*x;
+equation
+  der(x) = -x;
+  when x < 1 then
+    top = pre(top) + x;
+  end when;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 1.4, 0.1, "top")
+    assert found["top"] == pytest.approx(np.where(found["time"] < math.log(2), 6, 7), abs=1e-9)
