@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ..package import TOKEN_MARK, c_string
 from . import expression as ex
+from .adapted import MARK
 from .dae import Scalar
 from .expression import Expr
 from .functions import function_code
@@ -112,7 +113,8 @@ def layout_of(system: System, indicators: bool = False) -> Layout:
     ports = [Port("time", "TIME", 0, None)]
     may_set = {place for place, _, _ in settable}
     count = 0
-    for one in variables:
+    shown = [one for one in variables if not one.name.rpartition(".")[2].startswith(MARK)]
+    for one in shown:
         if one.role == "input":
             ports.append(Port(one.name, "INPUT", inputs[one.value], one, start=_number(one.start)))
         elif one.role == "parameter":
@@ -123,7 +125,7 @@ def layout_of(system: System, indicators: bool = False) -> Layout:
         else:
             ports.append(Port(one.name, "ALGEBRAIC", count, one, system.aliases.get(one.value, one.value)))
             count += 1
-    for one in variables:
+    for one in shown:
         if one.role == "state":
             slope = ex.symbol("der", one.value.args[1], 1)
             ports.append(Port(f"der({one.name})", "ALGEBRAIC", count, one, slope, order=1))

@@ -377,7 +377,8 @@ class _Reader:
                 one.start = value
             elif one.start.op != "num":
                 one.role, one.binding = "dependent", one.start
-            if attributes.get("evaluable") and one.role == "parameter":
+            made = one.name.rpartition(".")[2].startswith(MARK)
+            if (attributes.get("evaluable") or made) and one.role == "parameter":
                 one.role, one.binding = "dependent", one.start
 
     # Equations and events
