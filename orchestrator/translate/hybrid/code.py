@@ -113,7 +113,9 @@ def layout_of(system: System, indicators: bool = False) -> Layout:
     ports = [Port("time", "TIME", 0, None)]
     may_set = {place for place, _, _ in settable}
     count = 0
-    shown = [one for one in variables if not one.name.rpartition(".")[2].startswith(MARK)]
+    shown = [
+        one for one in variables if one.role == "state" or not one.name.rpartition(".")[2].startswith(MARK)
+    ]
     for one in shown:
         if one.role == "input":
             ports.append(Port(one.name, "INPUT", inputs[one.value], one, start=_number(one.start)))
