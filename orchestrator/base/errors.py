@@ -145,14 +145,21 @@ class Interrupted(OrchestratorError):
 
 
 class BuildError(OrchestratorError):
-    """A model that the translator refuses, or an FMU that could not be built."""
+    """A model that the translator refuses, or an FMU that could not be built.
+
+    Attributes:
+        problems: faults of the model, each with its place; empty for other errors.
+    """
+
+    problems: tuple[Problem, ...] = ()
 
 
 def error_data(error: BaseException) -> dict[str, Any]:
     """An error for machines: its kind and message, and what it knows besides: problems, or where and when."""
     document: dict[str, Any] = {"kind": type(error).__name__, "message": str(error)}
-    if isinstance(error, ConfigError):
+    if isinstance(error, ConfigError) or (isinstance(error, BuildError) and error.problems):
         document["problems"] = [asdict(problem) for problem in error.problems]
+    if isinstance(error, ConfigError):
         if error.unchecked:
             document["unchecked"] = list(error.unchecked)
     elif isinstance(error, StepError):

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
-from orchestrator.base.errors import BuildError
+from orchestrator.base.errors import BuildError, Problem
 from orchestrator.base.temporary_folders import scratch_root
 
 from .build_report import BuildReport
@@ -27,7 +27,7 @@ from .package import (
     source_members,
     write_fmu,
 )
-from .sources import DELAY, SourceTree, load_sources
+from .sources import DELAY, Location, SourceTree, load_sources
 
 if TYPE_CHECKING:
     from .program import Program
@@ -148,7 +148,13 @@ def illustrating(tree: SourceTree | None) -> Iterator[None]:
     try:
         yield
     except BuildError as error:
-        raise BuildError(illustrated(str(error), tree)) from None
+        shown = BuildError(illustrated(str(error), tree))
+        shown.problems = tuple(
+            Problem(", ".join(str(Location(*place)) for place in fault.places), fault.what)
+            for fault in faults_of(str(error))
+            if fault.places
+        )
+        raise shown from None
 
 
 def _translated(

@@ -131,6 +131,9 @@ def test_the_command_tells_exit_code_and_json(tmp_path, capsys):
     assert told["problems"][0]["places"] == [{"file": str(path), "line": 5, "column": 3}]
     assert told["unchecked"] == ["the number of equations and the initialisation"]
     assert not list(tmp_path.glob("*.fmu"))
+    assert main(["build", str(path), "-o", str(tmp_path / "M.fmu"), "--json"]) == 1
+    problems = json.loads(capsys.readouterr().out)["error"]["problems"]
+    assert problems[0]["place"] == f"{path}:5:3" and "is a ; missing" in problems[0]["what"]
     sound = bench.model_file(tmp_path, "model Sound\n  Real x = time;\nend Sound;\n", "Sound.mo")
     assert main(["build", str(sound), "--check"]) == 0
     assert "no problems" in capsys.readouterr().out
