@@ -198,7 +198,26 @@ def test_wrong_commands_are_refused(
     assert "orchestrator: " in capsys.readouterr().err
 
 
-def test_a_lag_and_a_play_begin_at_their_signal() -> None:
+def test_a_law_at_an_output_of_a_state_reads_inputs() -> None:
+    # A drag at the torque of a winding, by the speed that it is told, is one at the rotor.
+    made = Drawing("test", interval=0.01)
+    rotor = made.add("rotor", "Rotor", 0.02, 0.05)
+    made.add("motor", "Winding", 1.0, 0.02, 0.1, speed=(rotor, "speed", 1.0))
+    made.wire("rotor.torque", ("motor", "torque", 1.0))
+    made.driven["motor.voltage"] = 0.0, 1.0
+    plant, drive = Drawn(made), Drive(5.0 * np.sin(np.arange(200) * 0.05)[:, None], False, 0.01)
+    found = [
+        simulate(plant, drive, plant.nominal, plant.start, [law] if law else [], np.ones(3))[:, 1]
+        for law in (
+            named(plant, "quadratic drag", "motor.torque", "output", "motor.speed", [-0.05]),
+            named(plant, "quadratic drag", "rotor.torque", "input", "rotor.speed", [-0.05]),
+            None,
+        )
+    ]
+    assert np.allclose(found[0], found[1], atol=1e-6) and np.abs(found[0] - found[2]).max() > 0.1
+
+
+def test_a_lag_and_a_delay_begin_at_their_signal() -> None:
     plant = oscillator()
     drive = Drive(np.full((50, 1), 5.0), False, 0.01)
     steady = np.array([5.0 / 80.0, 0.0])

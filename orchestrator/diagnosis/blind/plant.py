@@ -160,12 +160,20 @@ class Drawn:
         nx, nu = len(self.states), len(self.inputs)
         s = [*x, *([0.0] * (nu + len(self.outputs)))]
         rate, extra = [0.0] * nx, [0.0] * len(z)
-        for part, (xs, us, ys, ps) in (self._parts[k] for k in self._order):
+        first, bent = nx + nu, self._acting(laws, "output")
+        # Outputs of states come first, so that a law at one of them may read inputs that others give.
+        for part, (xs, _, ys, ps) in self._parts:
             if not part.through:
-                self._put(t, part, xs, us, ys, ps, s, p, laws, z, extra)
-            else:
+                s[first + ys.start : first + ys.stop] = part.output(s[xs], (), p[ps])
+        for part, (xs, us, ys, ps) in (self._parts[k] for k in self._order):
+            mine = [one for one in bent if ys.start <= one[0].index < ys.stop]
+            if part.through or mine:
                 self._gather(t, us, s, e, laws, z, extra)
-                self._put(t, part, xs, us, ys, ps, s, p, laws, z, extra)
+            if part.through:
+                made = part.output(s[xs], s[nx + us.start : nx + us.stop], p[ps])
+                s[first + ys.start : first + ys.stop] = made
+            for law, at in mine:
+                s[first + law.index] += _w(law, t, s, z, at, extra)
         for part, (xs, us, _, ps) in self._parts:
             if part.states:
                 if not part.through:
@@ -198,16 +206,6 @@ class Drawn:
         for law, at in self._acting(laws, "input"):
             if us.start <= law.index < us.stop:
                 s[nx + law.index] += _w(law, t, s, z, at, extra)
-
-    def _put(
-        self, t: float, part: Any, xs: slice, us: slice, ys: slice, ps: slice, s: list[float], p: Any,
-        laws: Any, z: Any, extra: list[float],
-    ) -> None:  # fmt: skip
-        nx, first = len(self.states), len(self.states) + len(self.inputs)
-        s[first + ys.start : first + ys.stop] = part.output(s[xs], s[nx + us.start : nx + us.stop], p[ps])
-        for law, at in self._acting(laws, "output"):
-            if ys.start <= law.index < ys.stop:
-                s[first + law.index] += _w(law, t, s, z, at, extra)
 
 
 def _range(part: slice) -> range:
