@@ -18,7 +18,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from ..base import graph
-from ..base.errors import ConfigError, OrchestratorError, Problem
+from ..base.errors import ConfigError, OrchestratorError, Problem, listed, nearest
 from .margins import Crossover, Margins, gain_crossovers
 
 if TYPE_CHECKING:
@@ -542,6 +542,14 @@ class DelaySystem:
 
     def _opened(self, connections: Sequence[str], s: Complex) -> Complex:
         own = [[one for one in self.links if one.connection == name] for name in connections]
+        if not all(own):
+            known = list(dict.fromkeys(one.connection for one in self.links))
+            problems = [
+                Problem("connection", f"no {name!r}", f"there are {listed(known)}", nearest(name, known))
+                for name, links in zip(connections, own, strict=True)
+                if not links
+            ]
+            raise ConfigError(problems)
         rest = self._gains([one for one in self.links if one.connection not in connections])
         n, m = len(self.states), len(self.inputs)
         # Further places that a connection feeds, as the delayed path into an FMU, carry the same signal.

@@ -47,8 +47,10 @@ def test_system_in_a_loop(tmp_path):
     assert found.system.states == ("robot.position", "robot.velocity", "sensor.filtered_force")
     s = 1j * OMEGA
     forward = -robot_response(s) * (176e3 + 50 * s) / (1 + s / (200 * np.pi)) * 2e-6
-    name = "sensor.measured_force -> robot.command"
+    name = "sensor.measured_force -> gain -> offset -> robot.command"
     np.testing.assert_allclose(found.system.open_loop(name, OMEGA), -forward, rtol=1e-9)
+    with pytest.raises(ConfigError, match=r"no 'sensor -> robot'\n  there are robot.position -> contact"):
+        found.system.open_loop("sensor -> robot", OMEGA)
 
 
 def test_what_a_state_space_cannot_hold_is_refused():
