@@ -19,11 +19,14 @@ from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.unknown_input.corrected import write_corrected
 from orchestrator.diagnosis.unknown_input.diagnose import DiagnosedSystem
+from orchestrator.diagnosis.unknown_input.law_fit import Candidate
 from orchestrator.diagnosis.unknown_input.laws import library
-from orchestrator.diagnosis.unknown_input.model import StateModel
+from orchestrator.diagnosis.unknown_input.model import Inserted, StateModel
 from orchestrator.diagnosis.unknown_input.places import Runs, rank
 from orchestrator.diagnosis.unknown_input.played import LawEffect
 from orchestrator.diagnosis.unknown_input.search import answer
+from orchestrator.diagnosis.unknown_input.separate import Simulable, separating
+from orchestrator.system.connection import Port
 
 pytest.importorskip("rumoca")
 
@@ -244,3 +247,23 @@ def test_laws_as_effects_do_what_they_do_in_state_form(name: str) -> None:
         "saturation": np.clip(signal, -0.02, 0.02),
     }[name]
     np.testing.assert_allclose(np.array(found)[at], expected[at], atol=2e-4)
+
+
+def test_an_experiment_separates_laws_that_agree_on_the_logs(fmus: Path) -> None:
+    # Viscous friction with the same loss per cycle as dry friction, at this amplitude alone.
+    study = load_port_study(logged(fmus, lambda x, v: 0.0))
+    with StateModel(study) as model:
+        runs = Runs(model, study.of(Role.TRAIN))
+        place = next(one for one in model.places() if one.name == "mass.force")
+        index = model.states.index(Port("mass", "velocity"))
+        spread = float(runs.spread[index])
+        made = []
+        for name, numbers in (("coulomb", (-0.3, 0.01 * spread)), ("viscous", (-0.3 * 0.8 / spread,))):
+            law = next(one for one in library() if one.name == name)
+            put = Inserted(place, law.address, (index,), len(law.numbers), law.states)
+            one = Candidate(law, place, "mass.velocity", put, numbers, 1.0)
+            made.append(Simulable((one,), np.r_[model.nominal, numbers], [each[3] for each in runs.data]))
+        (found,) = separating(runs, made[0], made[1:])
+    assert found.what.startswith("repeat the run a with") and "amplitude" in found.what
+    assert found.rival == "viscous at mass.force of mass.velocity"
+    assert found.difference > 2.0 * found.before

@@ -65,6 +65,10 @@ def page(name: str, found: Answer) -> str:
         body.append(html.table(["rival", "probability"], rows, caption="Other answers"))
     if data["same_on_these_logs"]:
         body.append(html.aside("These act the same on these logs", data["same_on_these_logs"]))
+    if found.experiments:
+        rows = [[one.what, one.rival] for one in found.experiments]
+        caption = "What can be done next"
+        body.append(html.table(["experiment", "separates the answer from"], rows, caption=caption))
     if data["parameters"]:
         rows = [[key, each["value"], each["sigma"]] for key, each in data["parameters"].items()]
         body.append(

@@ -83,7 +83,7 @@ class Runs:
                 self.low[k], self.high[k] = np.nanmin(logged[:, index]), np.nanmax(logged[:, index])
         self.spread = np.where(spread > 0.0, spread, 1e-6 * np.maximum(1.0, np.abs(every).max(initial=0.0)))
         self.scale = np.concatenate([self.spread[:count], np.maximum(model.tolerance, 1e-12)])
-        self.length = np.mean([len(run) for run in runs]) * model.study.interval
+        self.length = float(np.mean([len(run) for run in runs])) * model.study.interval
 
     def simulated(
         self, ext: Array, held: Any, z: Array, laws: Sequence[Inserted] = (), signals: bool = False

@@ -56,6 +56,7 @@ def data_of(found: Answer) -> dict[str, Any]:
         "verdict": found.verdict,
         "headline": headline(found),
         "probability": round(found.probability, 4),
+        "family_probability": round(_family(found), 4),
         "laws": _laws(found.fitted, found.units) if found.fitted and found.verdict == "law" else [],
         "nearest": _laws(found.fitted, found.units) if found.fitted and found.verdict != "law" else [],
         "parameters": {
@@ -66,6 +67,10 @@ def data_of(found: Answer) -> dict[str, Any]:
             for one, probability in found.rivals[:5]
         ],
         "same_on_these_logs": [one.name for one in found.twins],
+        "experiments": [
+            {"what": one.what, "rival": one.rival, "difference": one.difference, "before": one.before}
+            for one in found.experiments
+        ],
         "places": [{"place": one.place.name, "gain_nats": round(float(one.gain), 1)} for one in found.places],
         "held_out": {
             "gap_over_noise": found.gap,
@@ -89,7 +94,24 @@ def headline(found: Answer) -> str:
         return f"something is missing that the library does not hold{where}"
     assert found.fitted is not None
     laws = " + ".join(one.name for one in found.fitted.laws)
-    return f"{laws} (probability {100 * found.probability:.0f} %)"
+    chance, whole = 100 * found.probability, 100 * _family(found)
+    families = " and ".join(dict.fromkeys(one.law.family for one in found.fitted.laws))
+    told = f"probability {chance:.0f} %" + (
+        f"; {families} in any form: {whole:.0f} %" if whole > chance + 1 else ""
+    )
+    return f"{laws} ({told}); it closes {100 * found.closed:.0f} % of the gap on held-out runs"
+
+
+def _family(found: Answer) -> float:
+    """Probability of laws of the same families at the same components, whatever their form."""
+
+    def kinds(one: Fitted) -> list[tuple[str, int]]:
+        return sorted((law.law.family, law.place.component) for law in one.laws)
+
+    if found.fitted is None:
+        return found.probability
+    same = sum(chance for one, chance in found.rivals if kinds(one) == kinds(found.fitted))
+    return min(1.0, found.probability + same)
 
 
 def text_of(name: str, found: Answer) -> str:
@@ -103,8 +125,7 @@ def text_of(name: str, found: Answer) -> str:
         ]
     lines.append(
         f"  held-out runs: the residual is {found.gap:.3g} times the noise as configured, "
-        f"{found.calibrated:.3g} calibrated, {found.remains:.3g} with the answer "
-        f"({100 * found.closed:.0f} % closed)"
+        f"{found.calibrated:.3g} calibrated, {found.remains:.3g} with the answer"
     )
     others = [
         f"{' + '.join(law.name for law in one.laws)} ({100 * probability:.0f} %)"
@@ -115,6 +136,7 @@ def text_of(name: str, found: Answer) -> str:
         lines.append("  rivals: " + "; ".join(others))
     if found.twins:
         lines.append("  the same on these logs: " + "; ".join(one.name for one in found.twins[:4]))
+    lines += [f"  next: {one.what}; it separates {one.rival}" for one in found.experiments[:2]]
     lines += [f"  {one}" for one in found.remarks]
     lines.append(f"  {found.seconds:.0f} s")
     return "\n".join(lines)

@@ -20,6 +20,7 @@ from .places import Ranked, Runs, rank, smoothed_at
 from .played import PlayedModel
 from .polish import Polished, Replays, polished
 from .score import SAMPLES, Scores, scored
+from .separate import Experiment, Simulable, separating
 
 __all__ = ["Answer", "answer"]
 
@@ -28,6 +29,8 @@ Array = NDArray[np.float64]
 _TRIED, _KEPT, _STEPS, _RIVALS = 12, 3, 5, 4
 # Laws that are tried late, and fitted to the end.
 _LATE, _LATE_KEPT = 8, 1
+# Fits that leave more than this many times the best are not carried on.
+_BEHIND = 1.6
 # The logs are explained where this much of the noise is left.
 _EXPLAINED, _MOST = 1.1, 0.98
 # A second law must close this share of what the first leaves, and gain so many nats.
@@ -36,11 +39,15 @@ _HALF, _LEAST = 0.5, 10.0
 _BEAM, _BESIDE = 3, 5
 # Share of the logs' spread below which a residual without a name counts as none.
 _SMALL = 0.05
-# Share of the spread that a simulation misses which has lost the logs, and of the gap that laws then close.
-_LOST, _CLOSED = 0.25, 0.9
+# Share of the spread that a simulation misses which has lost the logs.
+_LOST = 0.25
 # Tolerances by which a parameter may change before an answer needs a reason for it.
 _FAR = 3.0
 _NEAR, _PLACES = 0.5, 8
+# Largest probability of an answer that held-out runs contradict.
+_OUTSIDE = 0.6
+# Probability from which on a rival is worth an experiment.
+_LIKELY = 0.02
 # Samples that are enough for a search, and noises by which simulations with fewer may differ.
 _ENOUGH, _SAME_SIMULATION = 3000, 0.1
 
@@ -53,6 +60,7 @@ class Answer:
         verdict: "none", "law", or "outside": something that no law of the library explains.
         fitted: the laws of the answer, or the nearest ones. probability: of them.
         rivals: others with their probabilities, best first. twins: laws that act the same on these logs.
+        experiments: that separate the answer from these.
         parameters: calibrated, by name: value and standard deviation; those of the model alone, if no law.
         places: where an unknown input explains the logs, best first. estimate: w there and the signals.
         gap: root mean square of the held-out residual over the noise, as configured.
@@ -75,6 +83,7 @@ class Answer:
     closed: float
     share: float
     traces: dict[str, Any] = field(default_factory=dict)
+    experiments: list[Experiment] = field(default_factory=list)
     units: dict[str, str] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     seconds: float = 0.0
@@ -85,6 +94,7 @@ class _Search:
 
     def __init__(self, runs: Runs, progress: Callable[[str], None]) -> None:
         self.runs, self.model, self.progress = runs, runs.model, progress
+        self.study = runs.model.study
         self.base = polished(runs, (), runs.model.nominal)
         self.places = runs.model.places()
         self.twins: dict[str, list[Candidate]] = {}
@@ -121,10 +131,10 @@ class _Search:
             found = replace(found, remains=np.inf)
         return made, found
 
-    def explained(self, found: Sequence[tuple[Fitted, Polished]], share: float = _MOST) -> bool:
-        """Whether some laws leave little more than the noise, or close this share of the gap."""
+    def explained(self, found: Sequence[tuple[Fitted, Polished]]) -> bool:
+        """Whether some laws leave little more than the noise, or close nearly all of the gap."""
         least = min(one.remains for _, one in found)
-        return least < _EXPLAINED or closed(self.base.remains, least) > share
+        return least < _EXPLAINED or closed(self.base.remains, least) > _MOST
 
     def _sound(self, one: Fitted) -> bool:
         """Whether numbers stay within what makes a law this law."""
@@ -154,19 +164,26 @@ class _Search:
             if since > _RIVALS:
                 break
         found.sort(key=lambda each: each[1].remains)
-        ended = [self.to_the_end(one) for one in found[:kept] if np.isfinite(one[1].remains)]
-        # A fit to the end is no worse than the one that it begins with.
-        ended = [
-            min((one, two), key=lambda each: each[1].remains) for one, two in zip(ended, found, strict=False)
-        ]
-        return sorted([*ended, *found[len(ended) :]], key=lambda each: each[1].remains)
+        near = _BEHIND * found[0][1].remains if found else 0.0
+        found += [self.to_the_end(one) for one in found[:kept] if one[1].remains < near]
+        # The best fit of each set of laws.
+        found.sort(key=lambda each: each[1].remains)
+        return list(
+            {tuple(law.name for law in one.laws): (one, two) for one, two in reversed(found)}.values()
+        )[::-1]
 
     def to_the_end(self, one: tuple[Fitted, Polished]) -> tuple[Fitted, Polished]:
         """A fit carried on with all samples; by exact derivatives if something is left."""
-        made = self.fitted(one[0].laws, one[1].constants, one[1].starts, 12, None)
+        laws = one[0].laws
+        made = self.fitted(laws, one[1].constants, one[1].starts, 12, None)
+        if made[1].remains > _EXPLAINED:
+            # Calibration without the law may have led the fit astray, and to other start states.
+            fresh = np.r_[self.model.nominal, [value for law in laws for value in law.numbers]]
+            other = self.fitted(laws, fresh, [each[3] for each in self.runs.data], 12, None)
+            made = min((made, other), key=lambda each: each[1].remains)
         if made[1].remains < _EXPLAINED or not np.isfinite(made[1].remains):
             return made
-        return self.fitted(made[0].laws, made[1].constants, made[1].starts, 6, None, exact=True)
+        return self.fitted(laws, made[1].constants, made[1].starts, 6, None, exact=True)
 
     def filtered(self) -> list[tuple[Fitted, Polished]]:
         """Laws read off an unknown input and fitted in the filter, for systems that open simulations lose.
@@ -256,13 +273,12 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
             if (
                 model.filters
                 and search.base.remains > _LOST * _spread(search.runs)
-                and not search.explained(every, _CLOSED)
+                and not search.explained(every)
             ):
                 every += search.filtered()
         weighed = search.weighed(every)
         chosen = _simplest(search, weighed)
         progress("judgement")
-        model.study = study
         return replace(_judged(study, model, search, weighed, chosen), seconds=perf_counter() - begin)
 
 
@@ -352,67 +368,104 @@ def _judged(
     study: PortStudy, model: StateModel, search: _Search, weighed: Sequence[tuple[Fitted, Polished, float]],
     chosen: int,
 ) -> Answer:  # fmt: skip
-    best, found, evidence = weighed[chosen]
+    """The answer, judged on held-out runs with all their samples."""
+    best, found, _ = weighed[chosen]
+    model.study = study
     held = Runs(model, study.of(Role.HELDOUT) or study.of(Role.VALIDATION, Role.TRAIN))
     gap = replayed(held, (), model.nominal, as_configured=True)
     calibrated = replayed(held, (), search.base.constants)
     judged = (
         replayed(held, [one.inserted for one in best.laws], best.constants[0]) if best.laws else calibrated
     )
-    same = [(one, two, nats) for one, two, nats in weighed if len(one.laws) == len(best.laws)]
-    # Rivals that need a parameter beyond its tolerance, where the answer does not, are no rivals.
-    same = [one for one in same if one[2] <= evidence or not search.far(one[1].constants)]
-    weights = np.exp(np.clip([nats - evidence for *_, nats in same], -700.0, 0.0))
-    weights = weights / weights.sum()
-    probability = float(weights[[one is best for one, *_ in same].index(True)])
-    shrunk, share = closed(calibrated.remains, judged.remains), found.remains / _spread(search.runs)
-    remarks = []
-    verdict = "law" if best.laws else "none"
-    if best.laws and shrunk < 0.5:
-        remarks.append(
-            "The held-out runs contradict the nearest law: it closes less than half of the gap there."
-        )
-        verdict = "outside"
-    elif not best.laws and search.base.remains > 2.0 and share > _SMALL:
-        verdict = "outside"
-    if verdict == "none" and search.base.remains > 2.0:
-        remarks.append(
-            f"The calibrated model leaves {search.base.remains:.3g} times the noise, "
-            f"{100 * share:.2g} % of the signals' spread. "
-            "No law of the library explains it."
-        )
+    traces = _traces(model, held, gap, calibrated, judged)
+    share = found.remains / _spread(search.runs)
+    verdict, remarks = _verdict(search, best, closed(calibrated.remains, judged.remains), share)
+    probability, rivals = _rivals(search, weighed, chosen)
     if verdict == "outside":
-        probability = min(probability, 0.6)
+        probability = min(probability, _OUTSIDE)
     constants = best.constants if verdict == "law" else (search.base.constants, search.base.covariance)
+    values, variances = constants[0], np.abs(np.diag(constants[1]))
     parameters = {
-        str(port): (float(value), float(np.sqrt(abs(variance))))
-        for port, value, variance in zip(
-            model.parameters, constants[0], np.diag(constants[1]), strict=False
-        )
-    }  # fmt: skip
-    for k in search.far(constants[0]):
-        port = str(model.parameters[k])
-        remarks.append(
-            f"{port} leaves its tolerance: {parameters[port][0]:.4g} instead of {model.nominal[k]:.4g}."
-        )
-    rivals = [
-        (one, float(weight))
-        for (one, *_), weight in zip(same, weights, strict=True)
-        if one is not best and one.laws
+        str(port): (float(values[k]), float(np.sqrt(variances[k]))) for k, port in enumerate(model.parameters)
+    }
+    remarks += [
+        f"{model.parameters[k]} leaves its tolerance: {values[k]:.4g} instead of {model.nominal[k]:.4g}."
+        for k in search.far(values)
     ]
     twins = [two for one in best.laws for two in search.twins.get(one.name, [])]
     places, estimate = _estimate(search) if verdict == "outside" and model.filters else ([], None)
     remains = judged.remains if verdict == "law" else calibrated.remains
+    units = {str(port): study.unit(port) for port in (*model.states, *model.inputs, *model.outputs)}
     return Answer(
         verdict, best if best.laws else None, probability, rivals, twins, parameters, places, estimate,
-        gap.remains, calibrated.remains, remains, closed(gap.remains, remains), share,
-        _traces(model, held, gap, calibrated, judged),
-        {str(port): study.unit(port) for port in (*model.states, *model.inputs, *model.outputs)}, remarks,
+        gap.remains, calibrated.remains, remains, closed(gap.remains, remains), share, traces,
+        _experiments(search, weighed, chosen, rivals) if verdict == "law" else [], units, remarks,
     )  # fmt: skip
+
+
+def _verdict(search: _Search, best: Fitted, shrunk: float, share: float) -> tuple[str, list[str]]:
+    """Verdict and remarks.
+
+    Args:
+        shrunk: share of the calibrated gap that the answer closes on held-out runs.
+        share: residual of the answer over the spread of the logs.
+    """
+    remains = search.base.remains
+    if best.laws and shrunk < 0.5:
+        return "outside", [
+            "The held-out runs contradict the nearest law: it closes less than half of the gap there."
+        ]
+    if best.laws:
+        return "law", []
+    if remains > 2.0 and share > _SMALL:
+        return "outside", []
+    if remains > 2.0:
+        return "none", [
+            f"The calibrated model leaves {remains:.3g} times the noise, {100 * share:.2g} % of the signals' "
+            "spread. No law of the library explains it."
+        ]
+    return "none", []
+
+
+def _rivals(
+    search: _Search, weighed: Sequence[tuple[Fitted, Polished, float]], chosen: int
+) -> tuple[float, list[tuple[Fitted, float]]]:
+    """Probability of the answer among those with as many laws, and the others with theirs."""
+    best, _, evidence = weighed[chosen]
+    same = [one for one in weighed if len(one[0].laws) == len(best.laws)]
+    # Rivals that need a parameter beyond its tolerance, where the answer does not, are no rivals.
+    same = [one for one in same if one[2] <= evidence or not search.far(one[1].constants)]
+    weights = np.exp(np.clip([nats - evidence for *_, nats in same], -700.0, 0.0))
+    weights = (weights / weights.sum()).tolist()
+    pairs = [(one, weight) for (one, *_), weight in zip(same, weights, strict=True)]
+    return next(weight for one, weight in pairs if one is best), [
+        (one, weight) for one, weight in pairs if one is not best and one.laws
+    ]
+
+
+def _experiments(
+    search: _Search, weighed: Sequence[tuple[Fitted, Polished, float]], chosen: int,
+    rivals: Sequence[tuple[Fitted, float]],
+) -> list[Experiment]:  # fmt: skip
+    """What separates the answer from likely rivals, and from laws that act the same on these logs."""
+    search.model.study = search.study
+    best, found, _ = weighed[chosen]
+    likely = {id(one) for one, chance in rivals[:_RIVALS] if chance > _LIKELY}
+    others = [Simulable(one.laws, two.constants, two.starts) for one, two, _ in weighed if id(one) in likely]
+    for k, law in enumerate(best.laws):
+        for twin in search.twins.get(law.name, [])[:_RIVALS]:
+            constants = found.constants
+            if twin.law is not law.law:
+                at = len(search.model.nominal) + sum(len(one.law.numbers) for one in best.laws[:k])
+                constants = np.r_[constants[:at], twin.numbers, constants[at + len(law.law.numbers) :]]
+            laws = (*best.laws[:k], twin, *best.laws[k + 1 :])
+            others.append(Simulable(laws, constants, found.starts))
+    return separating(search.runs, Simulable(best.laws, found.constants, found.starts), others)
 
 
 def _estimate(search: _Search) -> tuple[list[Ranked], dict[str, Any] | None]:
     """Where an unknown input explains the logs, and w at the first of these places."""
+    search.model.study = search.study
     _, places = rank(search.runs)
     made = smoothed_at(search.runs, places[0]) if places else []
     return places, {**made[0], "names": search.model.signals_of(places[0].place)} if made else None

@@ -1,0 +1,113 @@
+"""What the lab can do to tell an answer from its rivals: another run, or one more sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .law_fit import Candidate
+from .places import Runs
+
+__all__ = ["Experiment", "Simulable", "separating"]
+
+Array = NDArray[np.float64]
+# Runs that can be made: amplitude of what is fed, and its speed, over those of the first run.
+_RUNS = (
+    (2.0, 1.0, "with twice the amplitude"), (0.5, 1.0, "with half the amplitude"),
+    (1.0, 2.0, "at twice the speed"), (1.0, 0.5, "at half the speed"),
+)  # fmt: skip
+# Differences that a run must show, over the noise, and that a sensor must, over the spread of its signal.
+_SEEN, _SHARE = 3.0, 0.05
+
+
+@dataclass(frozen=True)
+class Simulable:
+    """Laws with their numbers, as the runs are simulated with them.
+
+    Attributes:
+        constants: parameters, then numbers. starts: start states of each run.
+    """
+
+    laws: tuple[Candidate, ...]
+    constants: Array
+    starts: Sequence[Array]
+
+    @property
+    def name(self) -> str:
+        """Of the laws."""
+        return " + ".join(one.name for one in self.laws) or "no law"
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One experiment that separates two answers.
+
+    Attributes:
+        what: is to be done. rival: that it separates from the answer.
+        difference: of the two at what is compared, root mean square over the noise; of a sensor, over the
+            spread of its signal. before: the same in the run as it is.
+    """
+
+    what: str
+    rival: str
+    difference: float
+    before: float
+
+
+def separating(runs: Runs, answer: Simulable, rivals: Sequence[Simulable]) -> list[Experiment]:
+    """For each rival the experiment that separates it best, if one does."""
+    found = []
+    for rival in rivals:
+        tried = [*_other_runs(runs, answer, rival), *_sensors(runs, answer, rival)]
+        if tried:
+            found.append(max(tried, key=lambda one: one.difference / max(one.before, 1.0)))
+    return found
+
+
+def _other_runs(runs: Runs, answer: Simulable, rival: Simulable) -> Iterator[Experiment]:
+    """The first run again, with other inputs."""
+    before = _differ(runs, answer, rival, 1.0, 1.0)
+    for amplitude, speed, what in _RUNS:
+        differ = _differ(runs, answer, rival, amplitude, speed)
+        if np.isfinite(differ) and differ > max(_SEEN, 2.0 * before):
+            name = runs.runs[0].name
+            yield Experiment(f"repeat the run {name} {what}", rival.name, differ, before)
+
+
+def _differ(runs: Runs, answer: Simulable, rival: Simulable, amplitude: float, speed: float) -> float:
+    ext, held, _, start = runs.data[0]
+    samples = np.arange(0.0, len(ext) - 1 + 0.5 * speed, speed)
+    columns = np.array([np.interp(samples, np.arange(len(ext)), column) for column in ext.T])
+    fed = np.ascontiguousarray(amplitude * columns.reshape(ext.shape[1], len(samples)).T)
+    made = [_simulated(runs, one, fed, held, start)[0] for one in (answer, rival)]
+    with np.errstate(invalid="ignore", over="ignore"):
+        return float(np.sqrt(np.mean(((made[0] - made[1]) / runs.model.noise) ** 2)))
+
+
+def _sensors(runs: Runs, answer: Simulable, rival: Simulable) -> Iterator[Experiment]:
+    """Outputs that are not compared yet and in which the two differ."""
+    model, first = runs.model, len(runs.model.states) + len(runs.model.inputs)
+    made = []
+    for one in (answer, rival):
+        parts = [
+            _simulated(runs, one, ext, held, begin)[1][model.study.settled :, first:]
+            for (ext, held, *_), begin in zip(runs.data, one.starts, strict=True)
+        ]
+        made.append(np.vstack(parts))
+    noise = dict(zip(model.compared, model.noise, strict=True))
+    differ = np.sqrt(np.mean((made[0] - made[1]) ** 2, axis=0))
+    before = max(differ[model.outputs.index(port)] / noise[port] for port in model.compared)
+    for port, size, spread in zip(model.outputs, differ, made[0].std(axis=0), strict=True):
+        if port not in noise and port not in model.fed and spread > 0.0 and size > _SHARE * spread:
+            what = f"log {port}, where the two differ by {100 * size / spread:.2g} % of the signal's spread"
+            yield Experiment(what, rival.name, 1e2 * float(size / spread), float(before))
+
+
+def _simulated(runs: Runs, one: Simulable, ext: Array, held: Any, start: Array) -> tuple[Array, Array]:
+    inserted = [law.inserted for law in one.laws]
+    z = np.concatenate([start, np.zeros(sum(law.states for law in inserted)), one.constants])
+    return runs.simulated(ext, held, z, inserted, signals=True)
