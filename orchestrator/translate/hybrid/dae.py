@@ -1125,6 +1125,7 @@ _REDUCTIONS: dict[str, Callable[[list[Any]], Any]] = {
     "product": partial(_reduced, ex.mul),
     "transpose": lambda values: np.asarray(values[0], dtype=object).T,
     "cross": _cross,
+    "outer_product": lambda values: _stacked([[ex.mul(a, b) for b in values[1]] for a in values[0]]),
     "scalar": lambda values: np.ravel(values[0])[0],
     "vector": lambda values: np.ravel(values[0]),
     "matrix": lambda values: np.asarray(values[0], dtype=object).reshape(np.shape(values[0])[0], -1),

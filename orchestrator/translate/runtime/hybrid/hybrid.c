@@ -22,6 +22,7 @@ static const double TOLERANCE = 1e-9;    /* relative, per internal step */
 static const double SOLVED = 1e-12;      /* relative change of an unknown in the last iteration */
 static const int MOST_ITERATIONS = 60;
 static const int MOST_ROUNDS = 100;      /* of an event */
+static const int MOST_FLIPS = 400;       /* rounds until the modes are consistent */
 static const int MOST_EVENTS = 300;      /* in close succession */
 enum { MOST_LOOKS = 33 };                /* for events within an internal step, beside its beginning */
 
@@ -315,28 +316,41 @@ static void conditions(Work *w)
     hybrid_conditions(&w->h, w->h.z + hybrid_info.condition_slot, w->c, w->rise);
 }
 
+/* Flip one of the changed modes: each in its turn, then the first (which finds the state of diodes whose matrix
+ * has positive principal minors; Murty, Linear Complementarity, 1988), then one by chance. */
+static void flip_one(Work *w, int round, int *turn, int *mode)
+{
+    const HybridInfo *i = &hybrid_info;
+    double *held = w->h.z + i->mode_slot;
+    if (round >= 60 && round < 200) {
+        held[*mode] = w->m[*mode];
+        return;
+    }
+    if (round >= 200) *turn = (int)((*turn * 1103515245u + 12345u + (unsigned)round) % (unsigned)i->n_modes);
+    for (int k = 1; k <= i->n_modes; k++) {
+        int next = (*turn + k) % i->n_modes;
+        if (!differ(w->m[next], held[next])) continue;
+        *mode = *turn = next;
+        break;
+    }
+    held[*mode] = w->m[*mode];
+}
+
 /* Solve equations, modes and discrete variables together, with `pre` and what has risen held. */
 static int round_of_event(Work *w, const HybridBlock *blocks, int n)
 {
     const HybridInfo *i = &hybrid_info;
     double *z = w->h.z;
     int mode = -1, turn = -1, status;
-    for (int round = 0; round < MOST_ROUNDS; round++) {
+    for (int round = 0; round < MOST_FLIPS; round++) {
         int moved = 0;
         if ((status = solve_all(w, blocks, n))) return status;
         if ((mode = changed_mode(w)) >= 0) {
-            /* Modes that flip together may do so for ever: later on one of them at a time, each in its turn. */
-            if (round < 20) {
+            /* Modes that flip together may do so for ever: later on one of them at a time. */
+            if (round < 20)
                 take_modes(w);
-            } else {
-                for (int k = 1; k <= i->n_modes; k++) {
-                    int next = (turn + k) % i->n_modes;
-                    if (!differ(w->m[next], z[i->mode_slot + next])) continue;
-                    mode = turn = next;
-                    break;
-                }
-                z[i->mode_slot + mode] = w->m[mode];
-            }
+            else
+                flip_one(w, round, &turn, &mode);
             moved = 1;
         }
         conditions(w);
