@@ -1100,6 +1100,11 @@ def _cross(values: list[Any]) -> np.ndarray:
     return _stacked([ex.sub(ex.mul(a[i], b[j]), ex.mul(a[j], b[i])) for i, j in pairs])
 
 
+def _skew(v: np.ndarray) -> np.ndarray:
+    x, y, z = v
+    return np.array([[_ZERO, ex.neg(z), y], [z, _ZERO, ex.neg(x)], [ex.neg(y), x, _ZERO]], dtype=object)
+
+
 def _whole(one: Any) -> int:
     """A size that is known when the model is built."""
     value = np.asarray(one, dtype=object).item()
@@ -1125,6 +1130,7 @@ _REDUCTIONS: dict[str, Callable[[list[Any]], Any]] = {
     "product": partial(_reduced, ex.mul),
     "transpose": lambda values: np.asarray(values[0], dtype=object).T,
     "cross": _cross,
+    "skew": lambda values: _skew(*values),
     "outer_product": lambda values: _stacked([[ex.mul(a, b) for b in values[1]] for a in values[0]]),
     "scalar": lambda values: np.ravel(values[0])[0],
     "vector": lambda values: np.ravel(values[0]),

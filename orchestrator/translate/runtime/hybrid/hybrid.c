@@ -336,6 +336,17 @@ static void flip_one(Work *w, int round, int *turn, int *mode)
     held[*mode] = w->m[*mode];
 }
 
+/* Whether the changed modes are relations whose sides are equal but for rounding: either truth will do. */
+static int at_zero(Work *w)
+{
+    const HybridInfo *i = &hybrid_info;
+    if (i->n_margins != i->n_modes) return 0;
+    hybrid_margins(&w->h, w->g);
+    for (int k = 0; k < i->n_modes; k++)
+        if (differ(w->m[k], w->h.z[i->mode_slot + k]) && fabs(w->g[k]) > 1e-11) return 0;
+    return 1;
+}
+
 /* Solve equations, modes and discrete variables together, with `pre` and what has risen held. */
 static int round_of_event(Work *w, const HybridBlock *blocks, int n)
 {
@@ -345,7 +356,7 @@ static int round_of_event(Work *w, const HybridBlock *blocks, int n)
     for (int round = 0; round < MOST_FLIPS; round++) {
         int moved = 0;
         if ((status = solve_all(w, blocks, n))) return status;
-        if ((mode = changed_mode(w)) >= 0) {
+        if ((mode = changed_mode(w)) >= 0 && !(round >= 60 && at_zero(w))) {
             /* Modes that flip together may do so for ever: later on one of them at a time. */
             if (round < 20)
                 take_modes(w);
