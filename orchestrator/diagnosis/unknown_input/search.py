@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 from typing import Any
@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from ...base.errors import ConfigError
 from ..ports.study import PortStudy, Role
 from .judge import closed, likely, replayed
-from .law_fit import Candidate, Fitted, fit, screened, spread_out
+from .law_fit import Candidate, Fitted, fit, readable, screened, spread_out
 from .model import StateModel
 from .places import Ranked, Runs, rank, smoothed_at
 from .played import PlayedModel
@@ -209,13 +209,27 @@ class _Search:
             made = [one for one in made if np.isfinite(one.loglik)]
             made.sort(key=lambda one: (one.beside == 0.0, one.loglik), reverse=True)
             for one in made[:3]:
-                # A filter's numbers and start states are where the fit of the simulation begins.
-                starts = likely(self.runs, [law.inserted for law in one.laws], one.constants[0])
-                found.append(self.fitted(one.laws, one.constants[0], starts, 10, None))
+                found.append(self._simulated(one))
             if not made:
                 break
             best = made[0]
+        if best is not None:
+            found += [self._simulated(one) for one in self._relatives(best) if np.isfinite(one.loglik)]
         return sorted(found, key=lambda each: each[1].remains)
+
+    def _simulated(self, one: Fitted) -> tuple[Fitted, Polished]:
+        """A fit of the simulation, which begins with a filter's numbers and start states."""
+        starts = likely(self.runs, [law.inserted for law in one.laws], one.constants[0])
+        return self.fitted(one.laws, one.constants[0], starts, 10, None)
+
+    def _relatives(self, best: Fitted) -> Iterator[Fitted]:
+        """The same laws, each in turn replaced by one of its family, as a lag by a delay."""
+        for k, (law, values, _) in enumerate(best.by_law()):
+            for one in readable(self.model, law.place):
+                same = one.law.family == law.law.family and one.signal == law.signal
+                if same and one.law is not law.law and len(one.law.numbers) == len(values):
+                    other = replace(one, numbers=tuple(values.tolist()))
+                    yield fit(self.runs, (*best.laws[:k], other, *best.laws[k + 1 :]), None, best.numbers)
 
     def far(self, constants: Array) -> list[int]:
         """Parameters that leave their tolerance."""
