@@ -44,6 +44,9 @@ _LOST = 0.25
 # Tolerances by which a parameter may change before an answer needs a reason for it.
 _FAR = 3.0
 _NEAR, _PLACES = 0.5, 8
+# Learned on random systems (`orchestrator challenge --random`, seeds 0 to 19): nats that count as one, and
+# how often answers were wrong that leave at most so many times the noise on held-out runs; or more than that.
+_TEMPERATURE, _NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR = 2.9, 1.5, 0.054, 0.467
 # Largest probability of an answer that held-out runs contradict.
 _OUTSIDE = 0.6
 # Probability from which on a rival is worth an experiment.
@@ -359,7 +362,12 @@ def _simplest(search: _Search, weighed: Sequence[tuple[Fitted, Polished, float]]
     """
     best: dict[int, int] = {}
     for count in {len(one.laws) for one, _, _ in weighed}:
-        ranked = [k for k, (one, _, _) in enumerate(weighed) if len(one.laws) == count]
+        ranked = [
+            k for k, (one, _, _) in enumerate(weighed)
+            if len(one.laws) == count and (count < 2 or _significant(one))
+        ]  # fmt: skip
+        if not ranked:
+            continue
         usual = [k for k in ranked if not any(law.law.late for law in weighed[k][0].laws)]
         if usual and closed(weighed[usual[0]][1].remains, weighed[ranked[0]][1].remains, 0.0) <= _HALF:
             ranked = usual
@@ -378,6 +386,11 @@ def _simplest(search: _Search, weighed: Sequence[tuple[Fitted, Polished, float]]
     return chosen
 
 
+def _significant(one: Fitted) -> bool:
+    """Whether the first number of each law differs from 0 by more than three standard deviations."""
+    return all(abs(values[0]) > 3.0 * sigmas[0] for _, values, sigmas in one.by_law())
+
+
 def _judged(
     study: PortStudy, model: StateModel, search: _Search, weighed: Sequence[tuple[Fitted, Polished, float]],
     chosen: int,
@@ -394,7 +407,8 @@ def _judged(
     traces = _traces(model, held, gap, calibrated, judged)
     share = found.remains / _spread(search.runs)
     verdict, remarks = _verdict(search, best, closed(calibrated.remains, judged.remains), share)
-    probability, rivals = _rivals(search, weighed, chosen)
+    wrong = _WRONG_FAR if best.laws and judged.remains > _NEAR_NOISE else _WRONG_NEAR
+    probability, rivals = _rivals(search, weighed, chosen, 1.0 - wrong)
     if verdict == "outside":
         probability = min(probability, _OUTSIDE)
     constants = best.constants if verdict == "law" else (search.base.constants, search.base.covariance)
@@ -442,15 +456,19 @@ def _verdict(search: _Search, best: Fitted, shrunk: float, share: float) -> tupl
 
 
 def _rivals(
-    search: _Search, weighed: Sequence[tuple[Fitted, Polished, float]], chosen: int
+    search: _Search, weighed: Sequence[tuple[Fitted, Polished, float]], chosen: int, trust: float
 ) -> tuple[float, list[tuple[Fitted, float]]]:
-    """Probability of the answer among those with as many laws, and the others with theirs."""
+    """Probability of the answer among those with as many laws, and the others with theirs.
+
+    Args:
+        trust: probability that one of them is right.
+    """
     best, _, evidence = weighed[chosen]
     same = [one for one in weighed if len(one[0].laws) == len(best.laws)]
     # Rivals that need a parameter beyond its tolerance, where the answer does not, are no rivals.
     same = [one for one in same if one[2] <= evidence or not search.far(one[1].constants)]
-    weights = np.exp(np.clip([nats - evidence for *_, nats in same], -700.0, 0.0))
-    weights = (weights / weights.sum()).tolist()
+    weights = np.exp(np.clip([(nats - evidence) / _TEMPERATURE for *_, nats in same], -700.0, 0.0))
+    weights = (trust * weights / weights.sum()).tolist()
     pairs = [(one, weight) for (one, *_), weight in zip(same, weights, strict=True)]
     return next(weight for one, weight in pairs if one is best), [
         (one, weight) for one, weight in pairs if one is not best and one.laws
