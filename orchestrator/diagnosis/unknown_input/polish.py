@@ -21,6 +21,7 @@ __all__ = ["Polished", "Replays", "polished"]
 
 Array = NDArray[np.float64]
 _WORST = 1e5  # residuals over the noise are cut off there, where a simulation runs away
+_STEEPEST = 1e100  # derivatives are cut off there
 _STEP = 1e-5  # of finite differences, over the size of a number
 
 
@@ -135,7 +136,8 @@ class Replays:
             part[:, :nc] = made[:, first : first + nc] * sizes[:nc]
             part[:, nc + k * nx : nc + (k + 1) * nx] = made[:, :nx] * self.scale
             parts.append(part)
-        return np.nan_to_num(np.vstack(parts), posinf=0.0, neginf=0.0)
+        # Where a simulation runs away, squares must stay finite.
+        return np.clip(np.nan_to_num(np.vstack(parts), posinf=0.0, neginf=0.0), -_STEEPEST, _STEEPEST)
 
 
 def polished(
