@@ -76,7 +76,7 @@ def main(args: argparse.Namespace) -> int:
     for case, folder in zip(args.cases, folders, strict=True):
         bar.begin(case.name or str(case))
         try:
-            data, told = _diagnosed(args, case, folder, bar)
+            data, summary = _diagnosed(args, case, folder, bar)
         except Interrupted:
             bar.close()
             raise
@@ -100,7 +100,7 @@ def main(args: argparse.Namespace) -> int:
         if args.json:
             bar.write(json.dumps(data, allow_nan=False, ensure_ascii=False), sys.stdout)
         elif not args.quiet:
-            bar.write(told, sys.stdout)
+            bar.write(summary, sys.stdout)
     bar.close()
     if refused == len(args.cases):
         return 2

@@ -14,7 +14,7 @@ from ...simulation.run_folder import folder_at
 from ..ports.given import check_logs
 from ..ports.native import in_native_form
 from ..ports.reader import load_port_study
-from ..ports.study import PortStudy, study_file
+from ..ports.study import PortStudy
 from .corrected import write_corrected
 from .report import data_of, text_of
 from .search import Answer, answer
@@ -27,15 +27,19 @@ class DiagnosedSystem:
     """The diagnosis of a system of FMUs.
 
     Attributes:
-        name: of the study. study: as read. answer: see `Answer`.
+        study: as read. answer: see `Answer`.
         folder, files: where it was written and the files' names; None and none if it was not.
     """
 
-    name: str
     study: PortStudy
     answer: Answer
     folder: Path | None = None
     files: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Of the study."""
+        return self.study.name
 
     @property
     def data(self) -> dict[str, Any]:
@@ -61,8 +65,6 @@ def diagnose_system(
         report: whether to write the page, too. progress: takes the name of each stage.
     Raises: ConfigError with all problems of the study and its logs.
     """
-    file = study_file(Path(path)).resolve()
-    name = file.parent.name if file.name == "study.yaml" else file.stem
     progress("read")
     study = load_port_study(Path(path))
     progress("check")
@@ -75,7 +77,7 @@ def diagnose_system(
     if study.only or study.without or study.practice:
         found.remarks.append("`candidates` and `practice` of the study count for `--effects` only.")
     if out is None:
-        return DiagnosedSystem(name, study, found)
+        return DiagnosedSystem(study, found)
     folder = Path(out)
     folder_at(folder)
     earlier = ("diagnosis.json", "report.html", "corrected.yaml", *(p.name for p in folder.glob("law_*.*")))
@@ -86,9 +88,9 @@ def diagnose_system(
         # matplotlib takes a third of a second to import.
         from .page import page
 
-        write_text(folder / "report.html", page(name, found))
+        write_text(folder / "report.html", page(study.name, found))
     data = json.dumps(data_of(found), allow_nan=False, ensure_ascii=False, indent=1)
     write_text(folder / "diagnosis.json", data + "\n")
     kept = {*earlier, *(p.name for p in folder.glob("law_*.*"))}
     written = tuple(sorted(p.name for p in folder.iterdir() if p.name in kept))
-    return DiagnosedSystem(name, study, found, folder, written)
+    return DiagnosedSystem(study, found, folder, written)

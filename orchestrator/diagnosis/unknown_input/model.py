@@ -24,13 +24,13 @@ from ...system.system import Instance
 from ..ports.study import PortRun, PortStudy
 from .calls import call_law
 
-__all__ = ["Inserted", "Kinds", "Place", "StateModel", "acts_of", "evaluate"]
+__all__ = ["COLUMNS", "Inserted", "Kinds", "Place", "StateModel", "acts_of", "evaluate"]
 
 Array = NDArray[np.float64]
 # Columns of a component's row.
 _SET, _GET, _SELF, _SET_REFS, _SETS, _SET_VALUES, _GET_REFS, _GETS, _GET_VALUES = range(9)
 _X, _NX, _U, _NU, _P, _NP, _Y, _NY, _VERSION = range(9, 18)
-_COLUMNS = 18
+COLUMNS = 18
 # Columns of what acts: where, and which law.
 _KIND, _COMPONENT, _INDEX, _HAS_W, _LAW, _SIGNAL, _COUNT, _NUMBER, _HIDDEN, _STATES, _INTERVAL = range(11)
 
@@ -217,27 +217,38 @@ class StateModel:
         if problems:
             raise ConfigError(problems)
         self.instances = [one for one, *_ in plans]
-        rows = np.zeros((len(plans), _COLUMNS), np.int64)
+        rows = np.zeros((len(plans), COLUMNS), np.int64)
         values: list[float] = []
         for row, (one, states, rates, inputs, outputs, parameters, native) in zip(rows, plans, strict=True):
-            row[_X : _VERSION] = [
-                len(self.states), len(states), len(self.inputs), len(inputs),
-                len(self.parameters), len(parameters), len(self.outputs), len(outputs),
-            ]  # fmt: skip
-            self.states += [Port(one.name, name) for name in states]
-            self.inputs += [Port(one.name, name) for name in inputs]
-            self.outputs += [Port(one.name, name) for name in outputs]
-            self.parameters += [Port(one.name, name) for name in parameters]
+            self._place(row, one, states, inputs, outputs, parameters)
             values += [self._start(native, one, name) for name in states]
             self._bind(row, one, native, [*states, *inputs, *parameters], [*rates, *outputs])
         self.rows = rows
         self.start = np.array(values)
+        self.measured = np.array([self.outputs.index(one) for one in self.compared], np.int64)
+        self._take_numbers()
+        self.wiring = self._wired(system.connections)
+
+    def _place(
+        self, row: Any, one: Instance, states: Sequence[str], inputs: Sequence[str], outputs: Sequence[str],
+        parameters: Sequence[str] = (),
+    ) -> None:  # fmt: skip
+        """Append an instance's variables, and write where they stand into its row."""
+        row[_X : _VERSION] = [
+            len(self.states), len(states), len(self.inputs), len(inputs),
+            len(self.parameters), len(parameters), len(self.outputs), len(outputs),
+        ]  # fmt: skip
+        self.states += [Port(one.name, name) for name in states]
+        self.inputs += [Port(one.name, name) for name in inputs]
+        self.outputs += [Port(one.name, name) for name in outputs]
+        self.parameters += [Port(one.name, name) for name in parameters]
+
+    def _take_numbers(self) -> None:
+        """Values and tolerances of the parameters, and noise of what is compared, from the study."""
+        study = self.study
         self.nominal = np.array([study.nominal[str(one)].value for one in self.parameters])
         self.tolerance = np.array([study.nominal[str(one)].tolerance for one in self.parameters])
-        self.output_state = [self.states.index(one) if one in self.states else -1 for one in self.outputs]
-        self.measured = np.array([self.outputs.index(one) for one in self.compared], np.int64)
         self.noise = np.array([study.columns[one].noise for one in self.compared], np.float64)
-        self.wiring = self._wired(system.connections)
 
     def _plan(self, one: Instance, nominal: set[Port], problems: list[Problem]) -> Any:
         fmu = one.fmu
@@ -404,6 +415,10 @@ class StateModel:
     def inputs_of(self, row: Any) -> range:
         """Indices of a component's inputs, by its row."""
         return range(row[_U], row[_U] + row[_NU])
+
+    def outputs_of(self, row: Any) -> range:
+        """Indices of a component's outputs, by its row."""
+        return range(row[_Y], row[_Y] + row[_NY])
 
     def signals_of(self, place: Place) -> dict[str, int]:
         """Signals of a place's component: index into [states, inputs, outputs] by name."""

@@ -23,7 +23,7 @@ from ..ports.player import Inserted as AtPort
 from ..ports.player import Player
 from ..ports.replay import player_of
 from .calls import call_law
-from .model import Inserted, Kinds, Place, StateModel
+from .model import COLUMNS, Inserted, Kinds, Place, StateModel
 
 __all__ = ["LawEffect", "PlayedModel"]
 
@@ -119,34 +119,22 @@ class PlayedModel(StateModel):
         self.instances = list(system.instances)
         driven = {one.target for one in system.connections}
         begun = {port for port, one in study.columns.items() if one.start}
-        rows = np.zeros((len(self.instances), 18), np.int64)
-        for row, one in zip(rows, self.instances, strict=True):
-            ports = [
-                (Port(one.name, name), about.causality)
-                for name, about in one.fmu.description.variables.items()
-                if about.kind is Kind.REAL and not about.shape
-            ]
-            outputs = [port for port, what in ports if what is Causality.OUTPUT]
-            inputs = [port for port, what in ports if what is Causality.INPUT]
-            states = [port for port in outputs if port in begun]
-            row[9:17] = [
-                len(self.states), len(states), len(self.inputs), len(inputs), 0, 0,
-                len(self.outputs), len(outputs),
-            ]  # fmt: skip
-            self.states += states
-            self.inputs += inputs
-            self.outputs += outputs
-        self.rows = rows
+        self.rows = np.zeros((len(self.instances), COLUMNS), np.int64)
+        for row, one in zip(self.rows, self.instances, strict=True):
+            about = one.fmu.description.variables
+            names = [name for name, each in about.items() if each.kind is Kind.REAL and not each.shape]
+            outputs = [name for name in names if about[name].causality is Causality.OUTPUT]
+            inputs = [name for name in names if about[name].causality is Causality.INPUT]
+            states = [name for name in outputs if Port(one.name, name) in begun]
+            self._place(row, one, states, inputs, outputs)
         self.parameters = [Port.of(name) for name in study.nominal if Port.of(name) not in self.states]
         self.start = np.array([float(system.start(one)) for one in self.states])
-        self.nominal = np.array([study.nominal[str(one)].value for one in self.parameters])
-        self.tolerance = np.array([study.nominal[str(one)].tolerance for one in self.parameters])
         self.measured = np.array([self.outputs.index(one) for one in self.compared if one in self.outputs])
-        self.noise = np.array([study.columns[one].noise for one in self.compared], np.float64)
+        self._take_numbers()
         self._driven = driven
         self._player = player_of(study, self.fed, self.compared)
         every = [*self.outputs, *(one for one in self.inputs if one in driven)]
-        self._every, self._seeing = every, player_of(study, self.fed, every)
+        self._seeing = player_of(study, self.fed, every)
 
     def places(self) -> list[Place]:
         """Inputs and outputs."""
@@ -160,7 +148,7 @@ class PlayedModel(StateModel):
             str(self.inputs[i]): nx + i
             for i in self.inputs_of(row) if nx + i == own or self.inputs[i] in self._driven
         }  # fmt: skip
-        return found | {str(self.outputs[i]): nx + nu + i for i in range(row[15], row[15] + row[16])}
+        return found | {str(self.outputs[i]): nx + nu + i for i in self.outputs_of(row)}
 
     def simulated(
         self, ext: Array, z: Array, laws: Sequence[Inserted] = (), signals: bool = False

@@ -96,10 +96,10 @@ def headline(found: Answer) -> str:
     laws = " + ".join(one.name for one in found.fitted.laws)
     chance, whole = 100 * found.probability, 100 * _family(found)
     families = " and ".join(dict.fromkeys(one.law.family for one in found.fitted.laws))
-    told = f"probability {chance:.0f} %" + (
+    chances = f"probability {chance:.0f} %" + (
         f"; {families} in any form: {whole:.0f} %" if whole > chance + 1 else ""
     )
-    return f"{laws} ({told}); it closes {100 * found.closed:.0f} % of the gap on held-out runs"
+    return f"{laws} ({chances}); it closes {100 * found.closed:.0f} % of the gap on held-out runs"
 
 
 def _family(found: Answer) -> float:

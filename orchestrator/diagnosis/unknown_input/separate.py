@@ -1,4 +1,4 @@
-"""What the lab can do to tell an answer from its rivals: another run, or one more sensor."""
+"""What the lab can do to distinguish an answer from its rivals: another run, or one more sensor."""
 
 from __future__ import annotations
 
@@ -60,48 +60,65 @@ class Experiment:
 
 def separating(runs: Runs, answer: Simulable, rivals: Sequence[Simulable]) -> list[Experiment]:
     """For each rival the experiment that separates it best, if one does."""
+    if not rivals:
+        return []
+    runs_made, logged = _first_run_again(runs, answer), _outputs(runs, answer)
     found = []
     for rival in rivals:
-        tried = [*_other_runs(runs, answer, rival), *_sensors(runs, answer, rival)]
+        tried = [
+            *_other_runs(_differ(runs, runs_made, _first_run_again(runs, rival)), runs, rival),
+            *_sensors(runs, logged, _outputs(runs, rival), rival),
+        ]
         if tried:
             found.append(max(tried, key=lambda one: one.difference / max(one.before, 1.0)))
     return found
 
 
-def _other_runs(runs: Runs, answer: Simulable, rival: Simulable) -> Iterator[Experiment]:
-    """The first run again, with other inputs."""
-    before = _differ(runs, answer, rival, 1.0, 1.0)
-    for amplitude, speed, what in _RUNS:
-        differ = _differ(runs, answer, rival, amplitude, speed)
-        if np.isfinite(differ) and differ > max(_SEEN, 2.0 * before):
-            name = runs.runs[0].name
-            yield Experiment(f"repeat the run {name} {what}", rival.name, differ, before)
-
-
-def _differ(runs: Runs, answer: Simulable, rival: Simulable, amplitude: float, speed: float) -> float:
+def _first_run_again(runs: Runs, one: Simulable) -> list[Array]:
+    """Compared signals of the first run: as it is, and with each of the other inputs."""
     ext, held, _, start = runs.data[0]
-    samples = np.arange(0.0, len(ext) - 1 + 0.5 * speed, speed)
-    columns = np.array([np.interp(samples, np.arange(len(ext)), column) for column in ext.T])
-    fed = np.ascontiguousarray(amplitude * columns.reshape(ext.shape[1], len(samples)).T)
-    made = [_simulated(runs, one, fed, held, start)[0] for one in (answer, rival)]
+    found = []
+    for amplitude, speed in ((1.0, 1.0), *((a, s) for a, s, _ in _RUNS)):
+        samples = np.arange(0.0, len(ext) - 1 + 0.5 * speed, speed)
+        columns = np.array([np.interp(samples, np.arange(len(ext)), column) for column in ext.T])
+        fed = np.ascontiguousarray(amplitude * columns.reshape(ext.shape[1], len(samples)).T)
+        found.append(_simulated(runs, one, fed, held, start)[0])
+    return found
+
+
+def _differ(runs: Runs, ours: Sequence[Array], theirs: Sequence[Array]) -> list[float]:
+    """Root mean squares of the differences of runs, over the noise."""
     with np.errstate(invalid="ignore", over="ignore"):
-        return float(np.sqrt(np.mean(((made[0] - made[1]) / runs.model.noise) ** 2)))
-
-
-def _sensors(runs: Runs, answer: Simulable, rival: Simulable) -> Iterator[Experiment]:
-    """Outputs that are not compared yet and in which the two differ."""
-    model, first = runs.model, len(runs.model.states) + len(runs.model.inputs)
-    made = []
-    for one in (answer, rival):
-        parts = [
-            _simulated(runs, one, ext, held, begin)[1][model.study.settled :, first:]
-            for (ext, held, *_), begin in zip(runs.data, one.starts, strict=True)
+        return [
+            float(np.sqrt(np.mean(((a - b) / runs.model.noise) ** 2)))
+            for a, b in zip(ours, theirs, strict=True)
         ]
-        made.append(np.vstack(parts))
+
+
+def _other_runs(differ: Sequence[float], runs: Runs, rival: Simulable) -> Iterator[Experiment]:
+    """The first run again, with other inputs."""
+    before, *others = differ
+    for (*_, what), one in zip(_RUNS, others, strict=True):
+        if np.isfinite(one) and one > max(_SEEN, 2.0 * before):
+            yield Experiment(f"repeat the run {runs.runs[0].name} {what}", rival.name, one, before)
+
+
+def _outputs(runs: Runs, one: Simulable) -> Array:
+    """All outputs of all runs, one run after the other, shape (samples, outputs)."""
+    first, settled = len(runs.model.states) + len(runs.model.inputs), runs.model.study.settled
+    return np.vstack([
+        _simulated(runs, one, ext, held, begin)[1][settled:, first:]
+        for (ext, held, *_), begin in zip(runs.data, one.starts, strict=True)
+    ])  # fmt: skip
+
+
+def _sensors(runs: Runs, ours: Array, theirs: Array, rival: Simulable) -> Iterator[Experiment]:
+    """Outputs that are not compared yet and in which the two differ."""
+    model = runs.model
     noise = dict(zip(model.compared, model.noise, strict=True))
-    differ = np.sqrt(np.mean((made[0] - made[1]) ** 2, axis=0))
+    differ = np.sqrt(np.mean((ours - theirs) ** 2, axis=0))
     before = max(differ[model.outputs.index(port)] / noise[port] for port in model.compared)
-    for port, size, spread in zip(model.outputs, differ, made[0].std(axis=0), strict=True):
+    for port, size, spread in zip(model.outputs, differ, ours.std(axis=0), strict=True):
         if port not in noise and port not in model.fed and spread > 0.0 and size > _SHARE * spread:
             what = f"log {port}, where the two differ by {100 * size / spread:.2g} % of the signal's spread"
             yield Experiment(what, rival.name, 1e2 * float(size / spread), float(before))

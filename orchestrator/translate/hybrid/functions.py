@@ -240,14 +240,7 @@ class _Parser:
 
     def expression(self) -> Node:
         if self._peek() == "if":
-            self._at += 1
-            condition = self.expression()
-            self._take("then")
-            value = self.expression()
-            if self._peek() == "elseif":
-                return ("choice", condition, value, self.expression_of_elseif())
-            self._take("else")
-            return ("choice", condition, value, self.expression())
+            return self._choice()
         first = self._binary(0)
         if self._peek() != ":":
             return first
@@ -258,13 +251,13 @@ class _Parser:
         self._at += 1
         return ("range", first, second, self._binary(0))
 
-    def expression_of_elseif(self) -> Node:
-        self._at += 1
+    def _choice(self) -> Node:
+        self._at += 1  # "if" or "elseif"
         condition = self.expression()
         self._take("then")
         value = self.expression()
         if self._peek() == "elseif":
-            return ("choice", condition, value, self.expression_of_elseif())
+            return ("choice", condition, value, self._choice())
         self._take("else")
         return ("choice", condition, value, self.expression())
 
