@@ -373,14 +373,13 @@ class Instances:
         )
         for error in unsolved:
             what = f"[{error.status}] {error.what}; it begins with start values"
-            self._complaints.setdefault(error.instance, []).append(" ".join(what.split()))
+            self.complain(error.instance, " ".join(what.split()))
         for one in self.running:
             one.exit_initialisation()
             self.started += 1
         for index, one in enumerate(self.running):
             one.read_outputs()
             self._read_texts(index)
-            self._note_rounded(index, start_time)
         self._uncommitted = True
         return self.signals(start_time)
 
@@ -399,23 +398,15 @@ class Instances:
     def terminate(self) -> None:
         """End a successful run; a failure of an FMU here changes no result and is reported as a warning."""
         self.terminated = True
-        for index, one in enumerate(self.running):
+        for one in self.running:
             try:
-                self._note_rounded(index, None)
                 one.terminate()
             except StepError as error:
-                self._complaints.setdefault(one.name, []).append(f"[{error.status}] {error.what}")
+                self.complain(one.name, f"[{error.status}] {error.what}")
 
-    def _note_rounded(self, index: int, time: float | None) -> None:
-        """Warn of outputs whose whole numbers, at the start or the end, are no signals; None: at the end."""
-        one = self.running[index]
-        variables = one.description.variables
-        names = [name for name in self.layout.outputs[index] if variables[name].type in ("Int64", "UInt64")]
-        for name, value in one.get_values(names).items() if names else ():
-            if held := variables[name].rounded(value):
-                when = "at the end" if time is None else f"at {time:g} s"
-                what = f"[warning] {name} is {value!r} {when}; as a signal, a 64-bit float, it is {held}"
-                self._complaints.setdefault(one.name, []).append(what)
+    def complain(self, instance: str, line: str) -> None:
+        """Add a line to what `warnings` gives of an instance."""
+        self._complaints.setdefault(instance, []).append(line)
 
     def warnings(self) -> dict[str, list[str]]:
         """What each instance logged beyond mere information; instances that did not are left out."""

@@ -22,6 +22,7 @@ from ..system.system import System
 from .grid import Grid
 from .native import choose_loop, schedule
 from .pacing import Pace
+from .whole_numbers import WholeNumbers
 
 __all__ = ["BlockObserver", "Observer", "Report", "simulate"]
 
@@ -156,6 +157,9 @@ def simulate(
         _held_interrupts() as stop,
         instantiate(system, layout or Layout.of(system), pool) as instances,
     ):
+        whole_numbers = WholeNumbers(instances)
+        if len(whole_numbers.places):
+            observers = (*observers, whole_numbers)
         try:
             report.loop = choose_loop(loop, instances, master, grid.steps, bool(ledger))
             signals = instances.initialise(float(grid.start), grid.latest)

@@ -108,7 +108,8 @@ API int fmi3DoStep(void *v, double time, double h, bool no_rollback, bool *event
     m->s.single_out = m->s.single_in;
     m->s.byte_out = -m->s.byte_in;
     m->s.count_out = m->s.count_in + 1;
-    m->s.level_out = m->s.level_in;
+    /* -53 stands for a number that no signal, a double, can bring. */
+    m->s.level_out = m->s.level_in == -53 ? (INT64_C(1) << 53) + 1 : m->s.level_in;
     m->s.flag_out = !m->s.flag_in;
     strcpy(m->s.word_out, m->s.word_in);
     *reached = time + h;
