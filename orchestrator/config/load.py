@@ -77,8 +77,8 @@ def load_config(
     """Read and check a config.
 
     Args:
-        source: name of a bundled system, path of a YAML, .fmu, .ssp or .ssd file, plain values, or a config
-            to be changed.
+        source: name of a bundled system or FMU, path of a YAML, .fmu, .ssp or .ssd file, plain values, or a
+            config to be changed.
         overrides: changes such as "robot.tau_m=6 ms", "run.step_size=50 us" or "measures.docking.robot=a".
         folder: where they were written, from which relative paths in them start; None: the working directory.
             Files that are not there are looked for in the config's own.
@@ -169,7 +169,7 @@ def _find(source: str | pathlib.Path) -> pathlib.Path:
     path = pathlib.Path(source)
     if path.is_file():
         return path
-    found = bundled.find_system(str(source))
+    found = bundled.find_system(str(source)) or bundled.find_fmu(str(source))
     if found is not None:
         return found
     names = bundled.system_names()
@@ -179,7 +179,7 @@ def _find(source: str | pathlib.Path) -> pathlib.Path:
                 "",
                 f"no config {str(source)!r}",
                 f"neither a file nor a bundled system; bundled: {listed(names)}",
-                nearest(str(source), names),
+                nearest(str(source), (*names, *bundled.fmu_names())),
             )
         ]
     )

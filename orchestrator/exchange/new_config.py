@@ -13,6 +13,7 @@ from ..base.errors import ConfigError, FmuError, Problem
 from ..base.units import ONE
 from ..config.text import flow
 from ..fmi import Causality, Interface, ModelDescription, Variable, load_fmu
+from ..fmi.bundled import find_fmu
 from .single_fmu import instance_name, times_of, written
 
 __all__ = ["starting_config"]
@@ -33,7 +34,7 @@ def starting_config(paths: Sequence[Path], output: Path) -> str:
     Where type and unit alone fit in one way, it stands as a comment.
 
     Args:
-        paths: of the FMUs; one that is named twice makes two instances.
+        paths: of the FMUs, or names of bundled ones; one that is named twice makes two instances.
         output: the file that the text is for; it names the FMUs relative to its folder.
     Raises: ConfigError with all files that are no FMUs.
     """
@@ -41,7 +42,7 @@ def starting_config(paths: Sequence[Path], output: Path) -> str:
     problems = []
     for path in paths:
         try:
-            description = load_fmu(path).description
+            description = load_fmu(_file(path)).description
         except FmuError as error:
             problems.append(Problem("", " ".join(str(error).split())))
             continue
@@ -64,10 +65,16 @@ def starting_config(paths: Sequence[Path], output: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _file(path: Path) -> Path:
+    """The FMU's file, which for the name of a bundled one is elsewhere."""
+    return path if path.is_file() else find_fmu(str(path)) or path
+
+
 def _instance(member: _Member, output: Path) -> list[str]:
     description = member.description
     kind = "model exchange" if description.interface is Interface.MODEL_EXCHANGE else "co-simulation"
-    file = Path(os.path.relpath(member.path, output.parent)).as_posix()
+    own = member.path == _file(member.path)
+    file = Path(os.path.relpath(member.path, output.parent)).as_posix() if own else str(member.path)
     text = yaml.safe_dump(file, default_flow_style=True, width=10_000).partition("\n")[0]
     lines = [f"  {member.name}:", f"    fmu: {text}  # FMI {description.fmi_version}, {kind}"]
     for title, causality in (("inputs", Causality.INPUT), ("outputs", Causality.OUTPUT)):

@@ -167,3 +167,15 @@ def test_a_config_to_start_from_connects_what_fits_in_one_way_only(tmp_path, cap
     assert "exists" in capsys.readouterr().err and path.read_bytes() == before
     assert main(["new", *fmus[:1], "-o", str(path), "--overwrite"]) == 0
     assert yaml.safe_load(path.read_text())["connections"] == []
+
+
+def test_bundled_fmus_run_by_name_and_go_into_a_config(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "RobotResponse", "--stop-time", "0.1", "--no-figures", "--quiet"]) == 0
+    assert main(["new", "RobotResponse", "DockingContact", "-o", "mine.yaml"]) == 0
+    made = yaml.safe_load((tmp_path / "mine.yaml").read_text())
+    assert [one["fmu"] for one in made["instances"].values()] == ["RobotResponse", "DockingContact"]
+    assert main(["check", "mine.yaml"]) == 0
+    capsys.readouterr()
+    assert main(["run", "RobotRespons"]) == 2
+    assert "Did you mean RobotResponse" in capsys.readouterr().err
