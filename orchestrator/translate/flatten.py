@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import os
 import re
-import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from itertools import pairwise
 from pathlib import Path
@@ -15,6 +11,7 @@ from typing import Any
 
 from orchestrator.base.errors import BuildError
 
+from .compiler import compile_model
 from .complaints import CompilerRefusal, explained
 from .expressions import Json
 from .lexer import Token, tokenise
@@ -55,40 +52,22 @@ def flatten(tree: SourceTree, model: str) -> tuple[Json, dict[int, str]]:
             f"Modelica compiler: rumoca {installed} is installed, its representation is known for "
             f"{RUMOCA_VERSION} only; run `pip install rumoca=={RUMOCA_VERSION}`"
         )
-    import rumoca
-
     refuse_large_sizes(tree)
     with tree.marked_copy() as folder:
-        # A session remembers the classes it has seen: one per model.
-        session = rumoca.Session(roots=[str(folder)])
-        try:
-            with _quiet():
-                compiled = session.load(str(folder / tree.main), model=model)
-                flat = json.loads(tree.restored(compiled.to_json("flat")))
-                files = json.loads(compiled.to_json("dae"))["source_map"]["files"]
-        except BaseException as error:
-            # A panic of the compiler is no Exception, and its class cannot be imported.
-            if not isinstance(error, rumoca.RumocaError) and type(error).__name__ != "PanicException":
-                raise
+        answer = compile_model(tree, model, folder, ("flat", "dae"), restored=tree.restored)
+        if answer.refusal:
             if wrong := syntax_faults(tree.texts, tree.shown):
-                raise BuildError("\n".join(wrong)) from None
-            text = _told(tree, model, folder, error)
-            raise CompilerRefusal(
-                explained(tree, model, text, lambda other: message_of(other, model))
-            ) from None
+                raise BuildError("\n".join(wrong))
+            text = answer.refusal.replace(f"{folder.as_posix()}/", tree.label).replace(DELAY, "delay")
+            if answer.panic:
+                text = _panic_text(tree, model, answer.refusal)
+            raise CompilerRefusal(explained(tree, model, text, lambda other: message_of(other, model)))
+        flat, files = answer.forms["flat"], answer.forms["dae"]["source_map"]["files"]
         prefix = f"{folder.as_posix()}/"
         paths = {number: path.replace("\\", "/").removeprefix(prefix) for number, path, _ in files}
         if tree.renamed:
             _restore_offsets(flat, paths, tree)
         return flat, paths
-
-
-def _told(tree: SourceTree, model: str, folder: Path, error: BaseException) -> str:
-    """The compiler's message in names and paths of the source files."""
-    text = tree.restored(str(error))
-    if type(error).__name__ == "PanicException":
-        return _panic_text(tree, model, text)
-    return text.replace(f"{folder.as_posix()}/", tree.label).replace(DELAY, "delay")
 
 
 def called_partial(tree: SourceTree, model: str, folder: Path) -> tuple[str, int, int]:
@@ -108,35 +87,10 @@ def called_partial(tree: SourceTree, model: str, folder: Path) -> tuple[str, int
 
 def message_of(tree: SourceTree, model: str, partial: bool = False) -> str:
     """What the compiler says about a model, called partial or not; "" if it takes it."""
-    import rumoca
-
-    with tree.marked_copy() as folder, _quiet():
+    with tree.marked_copy() as folder:
         if partial:
             called_partial(tree, model, folder)
-        try:
-            rumoca.Session(roots=[str(folder)]).load(str(folder / tree.main), model=model).to_json("dae")
-        except BaseException as error:
-            if not isinstance(error, rumoca.RumocaError) and type(error).__name__ != "PanicException":
-                raise
-            return str(error).replace(folder.as_posix(), "")
-    return ""
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Without what the compiler writes to the standard error itself when it panics."""
-    with _ONE_AT_A_TIME:  # the descriptor is the process's
-        kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-        try:
-            os.dup2(nothing, 2)
-            yield
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
-            os.close(nothing)
-
-
-_ONE_AT_A_TIME = threading.RLock()
+        return compile_model(tree, model, folder, ("dae",)).refusal.replace(folder.as_posix(), "")
 
 
 def _restore_offsets(json: Any, paths: dict[int, str], tree: SourceTree) -> None:

@@ -6,9 +6,9 @@ import contextlib
 import json
 import os
 import re
-import subprocess
-import sys
+import shutil
 import tempfile
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from orchestrator.base.digests import digest_of, file_digest
 from orchestrator.base.errors import BuildError
 from orchestrator.base.temporary_folders import cache_folder
 
+from ..compiler import TIME_LIMIT, compile_model
 from ..complaints import CompilerRefusal, explained
 from ..flatten import called_partial, flatten, message_of, syntax_faults
 from ..sources import SourceTree, Spans
@@ -25,9 +26,6 @@ from .adapted import ANY, ANY_MODEL, Objects, adapted, class_texts, external_obj
 from .functions import FunctionSource
 
 __all__ = ["FunctionTexts", "adapts", "dae_form", "flat_form", "library_paths", "modernised", "prepared"]
-
-# The compiler has models that it never ends with.
-_TIME_LIMIT = 120.0
 
 
 def library_paths(given: Sequence[Path] = ()) -> tuple[Path, ...]:
@@ -48,7 +46,7 @@ def dae_form(
     tree: SourceTree,
     model: str,
     libraries: Sequence[Path] = (),
-    time_limit: float = _TIME_LIMIT,
+    time_limit: float = TIME_LIMIT,
     *,
     partial: bool = False,
 ) -> dict[str, Any]:
@@ -70,20 +68,19 @@ def dae_form(
 def flat_form(
     tree: SourceTree, model: str, libraries: Sequence[Path] = (), *, partial: bool = False
 ) -> tuple[dict[str, Any], Spans]:
-    """The flat representation, and places; arguments and errors as of `dae_form`.
-
-    Without libraries the compiler runs in this process, which takes less time.
-    """
+    """The flat representation, and places; arguments and errors as of `dae_form`."""
     if not _used(tree, libraries) and not partial and not adapts(tree):
         flat, paths = flatten(tree, model)
         return flat, Spans(tree, {number: (path, tree.texts.get(path, "")) for number, path in paths.items()})
-    forms, spans = _forms(tree, model, libraries, _TIME_LIMIT, partial, ("dae", "flat"))
+    forms, spans = _forms(tree, model, libraries, TIME_LIMIT, partial, ("dae", "flat"))
     return forms["flat"], spans
 
 
 # The compiler's last answers: a check asks for several forms of one model.
 _answers: dict[tuple[object, ...], tuple[dict[str, Any], Spans]] = {}
 _MOST_ANSWERS = 4
+_MOST_COPIES = 4  # of libraries, each of some 26 MB
+_IN_USE = 3600.0  # [s]
 
 
 def _forms(
@@ -106,35 +103,16 @@ def _forms(
         restored = tree.restored if not libraries else str
         roots, changed = prepared(tree, folder, libraries, functions)
         inserted = called_partial(tree, model, folder) if partial else ("", 0, 0)
-        asked = {
-            "roots": [str(folder), *map(str, roots)],
-            "file": str(folder / tree.main),
-            "model": model,
-            "stages": stages,
-        }
-        try:
-            done = subprocess.run(
-                [sys.executable, str(Path(__file__).with_name("front_end_process.py"))],
-                input=json.dumps(asked),
-                capture_output=True,
-                text=True,
-                timeout=time_limit,
-            )
-        except subprocess.TimeoutExpired:
-            raise BuildError(
-                f"{tree.shown(tree.main)}: the Modelica compiler did not end within {time_limit:g} s "
-                f"for {model}"
-            ) from None
-        if done.returncode:
-            if not functions and needs_functions(done.stderr):
+        answer = compile_model(tree, model, folder, stages, roots, restored=restored, limit=time_limit)
+        if answer.refusal:
+            if not functions and needs_functions(answer.refusal):
                 return _forms(tree, model, libraries, time_limit, partial, stages, functions=True)
             if wrong := syntax_faults(tree.texts, tree.shown):
                 raise BuildError("\n".join(wrong))
-            text = restored(done.stderr.strip() or "it ended without a message")
-            text = _short(text.replace(f"{folder}/", tree.label))
+            text = _short(answer.refusal.replace(f"{folder}/", tree.label))
             again = None if libraries else lambda other: message_of(other, model, partial)
             raise CompilerRefusal(explained(tree, model, text, again))
-        forms = dict(json.loads(restored(done.stdout)))
+        forms = answer.forms
         prefix = f"{folder.as_posix()}/"
         files = {
             number: (path.replace("\\", "/").removeprefix(prefix), text)
@@ -229,7 +207,21 @@ def _adapted_library(library: Path, functions: bool) -> tuple[Path, Objects]:
                 target.write_bytes(adapted(text, str(path), objects, functions=functions).encode())
             with contextlib.suppress(OSError):  # another process was first
                 (Path(scratch) / "root").rename(kept)
+    with contextlib.suppress(OSError):
+        os.utime(kept)
+    _remove_copies(kept.parent)
     return kept, objects
+
+
+def _remove_copies(folder: Path) -> None:
+    """Remove all copies of libraries but those used last; one of this age no build reads any more."""
+    copies = {}
+    for one in folder.iterdir():
+        with contextlib.suppress(OSError):
+            copies[one] = one.stat().st_mtime
+    for one in sorted(copies, key=copies.__getitem__, reverse=True)[_MOST_COPIES:]:
+        if time.time() - copies[one] > _IN_USE:
+            shutil.rmtree(one, ignore_errors=True)
 
 
 class FunctionTexts:
@@ -291,7 +283,5 @@ def modernised(folder: Path) -> None:
 
 
 def _short(text: str) -> str:
-    """A message of the compiler without the trace of a panic."""
-    lines = [line for line in text.splitlines() if line.strip()]
-    panics = [line for line in lines if "panicked at" in line]
-    return "\n".join(panics[:1] + lines[-1:] if panics else lines[:12])
+    """The beginning of a message."""
+    return "\n".join([line for line in text.splitlines() if line.strip()][:12])

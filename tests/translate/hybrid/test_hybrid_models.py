@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import time
 from pathlib import Path
 
 import fmpy
@@ -16,6 +18,8 @@ import orchestrator as orc
 from orchestrator.base.errors import BuildError, StepError
 from orchestrator.cli.main import main
 from orchestrator.translate.build import build
+from orchestrator.translate.compiler import compile_model
+from orchestrator.translate.flatten import flatten
 from orchestrator.translate.hybrid.front_end import dae_form, modernised
 from orchestrator.translate.package import this_platform
 from orchestrator.translate.sources import load_sources
@@ -63,11 +67,11 @@ end M;
 def bounced(times: np.ndarray, e: float = 0.8, g: float = 9.81) -> tuple[np.ndarray, np.ndarray]:
     """Height of a ball that falls from 1 m, and how often it has bounced."""
     heights, counts = [], []
-    for time in times:
+    for now in times:
         begin, speed, count = -math.sqrt(2 / g), math.sqrt(2 * g), 0
-        while time > begin + 2 * speed / g:
+        while now > begin + 2 * speed / g:
             begin, speed, count = begin + 2 * speed / g, e * speed, count + 1
-        heights.append(speed * (time - begin) - g * (time - begin) ** 2 / 2)
+        heights.append(speed * (now - begin) - g * (now - begin) ** 2 / 2)
         counts.append(count)
     return np.array(heights), np.array(counts)
 
@@ -436,12 +440,36 @@ def test_units_of_an_old_standard_library_get_their_new_names(tmp_path):
     assert "import SIunits = Modelica.Units.SI;" in text and "Modelica.Units.SI.Mass m" in text
 
 
-def test_a_compiler_that_does_not_end_is_an_error(tmp_path):
+def test_a_compiler_that_does_not_end_is_an_error_and_the_next_model_builds(tmp_path, monkeypatch):
     source = tmp_path / "M.mo"
     source.write_text(BALL)
     tree = load_sources(source)
-    with pytest.raises(BuildError, match=r"the Modelica compiler did not end within 0.01 s for M"):
+    late = r"the Modelica compiler did not end within 0.01 s for M"
+    with pytest.raises(BuildError, match=late):
         dae_form(tree, "M", time_limit=0.01)
+    with monkeypatch.context() as patch:
+        patch.setitem(compile_model.__kwdefaults__, "limit", 0.01)
+        with pytest.raises(BuildError, match=late):
+            flatten(tree, "M")
+    assert "h" in flatten(tree, "M")[0]["variables"]
+
+
+def test_copies_of_libraries_that_no_build_has_read_lately_are_removed(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    source = tmp_path / "M.mo"
+    source.write_text("model M\n  Real y;\nequation\n  y = L.k;\nend M;\n")
+    tree = load_sources(source)
+    used = []
+    for number in range(7):
+        library = tmp_path / f"at_{number}" / "L"
+        library.mkdir(parents=True)
+        (library / "package.mo").write_text(f"package L\n  constant Real k = {number};\nend L;\n")
+        dae_form(tree, "M", [library.parent])
+        new = set((tmp_path / "cache" / "orchestrator" / "libraries").iterdir()) - set(used)
+        used += sorted(new)
+        if number < 6:  # used two hours and more ago
+            os.utime(used[-1], (time.time() - 7200 - 6 + number,) * 2)
+    assert [one.exists() for one in used] == [False, False, False, True, True, True, True]
 
 
 def test_initial_in_an_equation_holds_at_the_start_alone(tmp_path):
