@@ -32,8 +32,8 @@ _BESIDE = (
     "__main__.py",
     "_bundled",
 )
-# Of these: what a config can name as effects beside those of `effects`, and what makes a row of a run.
-_WITHIN = ("campaign/derived.py", "campaign/execute.py", "diagnosis/ports/laws.py")
+# Of these: what makes a row of a run.
+_WITHIN = ("campaign/derived.py", "campaign/execute.py")
 
 
 def _counts(place: Path) -> bool:

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from ..base.errors import ConfigError, Interrupted, OrchestratorError, Problem, listed
-from ..results.progress import Share
 
 __all__ = ["add_arguments", "main"]
+
+# Options of an earlier search of studies; the first one took no value.
+_GONE = ("--effects", "--practice", "--seed", "--jobs")
 
 _DESCRIPTION = """Find out from logs which unmodelled effect makes a rig differ from its model, where, how far
 the gap shrinks once the effect is added, and what to run next. A case is a folder with case.yaml
@@ -33,27 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--json", action="store_true", help="print the content of diagnosis.json, one line a case"
     )
-    parser.add_argument(
-        "--practice",
-        type=int,
-        default=0,
-        metavar="N",
-        help="for studies of ports: simulate N cases (10 or more) of the study's own system first, and "
-        "calibrate probabilities on them; written to practice.json, which the study's key `practice` takes",
-    )
-    parser.add_argument("--seed", type=int, default=1, help="of the simulated cases")
-    parser.add_argument(
-        "--jobs",
-        type=int,
-        metavar="N",
-        help="processes that weigh simulated cases; as many as cores by default",
-    )
-    parser.add_argument(
-        "--effects",
-        action="store_true",
-        help="for studies of ports: weigh a list of effects at ports, in minutes, in place of the search of "
-        "laws by simulation; --practice does so, too",
-    )
+    parser.add_argument("--effects", action="store_true", help=argparse.SUPPRESS)
+    for option in _GONE[1:]:
+        parser.add_argument(option, help=argparse.SUPPRESS)
     parser.add_argument("--unknown-input", action="store_true", help=argparse.SUPPRESS)  # the default by now
     parser.add_argument("--no-report", action="store_true", help="write no report.html")
     parser.add_argument("--quiet", action="store_true", help="print errors only")
@@ -68,6 +52,11 @@ def main(args: argparse.Namespace) -> int:
     Raises: ConfigError if the command is wrong, or the only case could not be read.
     """
     folders = _folders(args.cases, args.out)
+    gone = [one for one in _GONE if getattr(args, one.removeprefix("--")) not in (None, False)]
+    if gone:
+        what, remedy = "is gone, with the search that weighed a list of effects", "Leave it out: "
+        remedy += "`orchestrator diagnose STUDY` searches laws, and needs neither a list nor practice."
+        raise ConfigError([Problem(one, what, remedy=remedy) for one in gone])
     # Imported after the command is known to make sense: machine code takes a second to load.
     from ..diagnosis.diagnose import STAGES
 
@@ -111,7 +100,7 @@ def _diagnosed(args: argparse.Namespace, case: Path, folder: Path | None, bar: _
     """Diagnose one case. Returns: the content of diagnosis.json, and what a terminal shows."""
     from ..diagnosis.ports.study import is_port_study
 
-    if is_port_study(case) and not args.effects and not args.practice:
+    if is_port_study(case):
         from ..diagnosis.unknown_input.diagnose import diagnose_system
 
         found = diagnose_system(case, folder, report=not args.no_report, progress=bar.stage)
@@ -119,15 +108,7 @@ def _diagnosed(args: argparse.Namespace, case: Path, folder: Path | None, bar: _
     from ..diagnosis.diagnose import diagnose
     from ..diagnosis.report_text import text
 
-    made = diagnose(
-        case,
-        folder,
-        report=not args.no_report,
-        progress=bar.stage,
-        practice=args.practice,
-        seed=args.seed,
-        jobs=args.jobs,
-    )
+    made = diagnose(case, folder, report=not args.no_report, progress=bar.stage)
     return made.diagnosis.data_of(), text(made)
 
 
@@ -159,12 +140,11 @@ def _name(case: Path) -> str:
 
 
 class _Bar:
-    """A progress bar over the stages of all cases, on a terminal; elsewhere lines of long ones."""
+    """A progress bar over the stages of all cases, on a terminal."""
 
     def __init__(self, total: int, shown: bool) -> None:
         self._bar: Any = None
         self._stages = 0
-        self._reported, self._shown = ("practice", 0), shown
         if shown and sys.stderr.isatty():
             from tqdm import tqdm
 
@@ -176,24 +156,11 @@ class _Bar:
             self._bar.set_description(case)
 
     def stage(self, name: str) -> None:
-        """A stage begins, and the one before it is over; or, with a `Share`, it goes on."""
-        if isinstance(name, Share):
-            if self._bar is not None:
-                self._bar.set_postfix_str(name)
-            else:
-                self._tenths(name)
-            return
+        """A stage begins, and the one before it is over."""
         if self._bar is not None:
             self._bar.update(1 if self._stages else 0)
             self._bar.set_postfix_str(name)
         self._stages += 1
-
-    def _tenths(self, share: Share) -> None:
-        """A line for each tenth."""
-        tenth = share.stage, 10 * share.done // max(share.total, 1)
-        if self._shown and tenth != self._reported:
-            self._reported = tenth
-            print(f"orchestrator: {share}", file=sys.stderr, flush=True)
 
     def end(self, stages: int) -> None:
         """A case is over, whether all its stages were gone through or not."""

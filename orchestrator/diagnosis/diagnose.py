@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 from ..base.atomic_files import write_text
-from ..base.errors import ConfigError, Problem
-from ..results.progress import Share
+from ..base.errors import ConfigError
 from ..simulation.run_folder import folder_at
 from .analyses import Analyses
 from .augmented import AugmentedConfig, augmented_config, is_docking_lab
@@ -19,7 +17,6 @@ from .checks import check_logs
 from .content import AnalysisResults, content, named_files, provenance
 from .diagnosed import Diagnosed
 from .finding import Finding
-from .ports.study import is_port_study
 from .study import Role, Study, case_file, load_study
 from .verdict import AUGMENTED, EXPORTABLE, NAME, PAGE, Diagnosis, Runnable, Warned
 
@@ -27,12 +24,10 @@ __all__ = ["STAGES", "diagnose"]
 
 # What is shown of a diagnosis under way, in its order.
 STAGES = ("read", "check", "weigh", "where", "how far", "what next", "numerics", "write")
-# What a diagnosis writes, but for practice.json, which the next one may go by.
+# What a diagnosis writes.
 _FILES = (NAME, PAGE, AUGMENTED, EXPORTABLE)
 # What runs that no fit saw say about something outside the catalogue.
 _JUDGED = "judging_by_held_out_runs"
-# Cases weighed in a practice that has not come to its end.
-_PRACTISED = "practice-cases.jsonl"
 
 Report = Callable[[str], None]
 
@@ -44,31 +39,18 @@ def diagnose(
     parts: Analyses | None = None,
     report: bool = True,
     progress: Report = lambda stage: None,
-    practice: int = 0,
-    seed: int = 1,
-    jobs: int | None = None,
 ) -> Diagnosed:
-    """Diagnose a sim-to-real gap.
+    """Diagnose the gap between a docking rig and its simulation.
 
     Args:
-        study: or the folder of a case, or a study.yaml.
+        study: or the folder of a case, or its study.yaml.
         out: folder to write to; nothing is written without it.
-        parts: the analyses of a docking rig; all of this package by default.
+        parts: the analyses; all of this package by default.
         report: whether to write the page, too.
-        progress: receives each of `STAGES` as it begins, the progress of practice, as in "practice 3/60",
-            and, for studies of ports, the progress of weighing: see `search_progress.SearchProgress`.
-        practice: simulated cases to calibrate probabilities on first, for studies of ports; seed: of them;
-            jobs: processes that weigh them. Those weighed are kept in the folder as long as they are not all.
+        progress: receives each of `STAGES` as it begins.
     Raises: ConfigError with all problems of the study and its logs; OrchestratorError if an analysis fails.
     """
     begin = perf_counter()
-    if not isinstance(study, Study) and is_port_study(Path(study)):
-        if parts is not None:
-            raise ConfigError([Problem("parts", "are for docking rigs", remedy="Leave them out.")])
-        return _any_system(Path(study), out, report, progress, (practice, seed, jobs))
-    if practice:
-        remedy = "The docking rig's calibration comes with the product."
-        raise ConfigError([Problem("practice", "is for studies of ports (port-study/1)", remedy=remedy)])
     progress("read")
     parts = parts or Analyses.standard()
     source = None if isinstance(study, Study) else Path(study)
@@ -94,32 +76,6 @@ def diagnose(
     diagnosis.provenance["seconds"] = round(perf_counter() - begin, 3)
     folder, files = _write(Diagnosed(study, finding, diagnosis), Path(out), report, config)
     return Diagnosed(study, finding, diagnosis, folder, files)
-
-
-def _any_system(
-    path: Path, out: Path | str | None, report: bool, progress: Report, practice: tuple[int, int, int | None]
-) -> Diagnosed:
-    """The diagnosis of a system of FMUs with logged ports; practice as cases, seed and jobs."""
-    from .ports.diagnose import diagnose_ports
-    from .ports.practice import Practise
-
-    cases, whole = practice[0], None if out is None else Path(out)
-    kept = None if whole is None else whole / _PRACTISED
-    order = (
-        Practise(*practice, kept, lambda done: progress(Share("practice", done, cases))) if cases else None
-    )
-    made = diagnose_ports(path, progress, report and out is not None, order)
-    diagnosed = Diagnosed(made.study, made.finding, made.diagnosis)
-    if whole is None:
-        return diagnosed
-    progress("write")
-    _cleared(whole)
-    for name, text in made.files.items():
-        write_text(whole / name, text)
-    if cases:
-        (whole / _PRACTISED).unlink(missing_ok=True)  # practice.json holds them all
-    write_text(whole / NAME, _json(made.diagnosis))
-    return replace(diagnosed, folder=whole, files=(NAME, *made.files))
 
 
 def _analysed(parts: Analyses, study: Study, finding: Finding, progress: Report) -> AnalysisResults:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .finding import Finding
-from .ports.study import PortStudy
 from .study import Study
 from .verdict import Diagnosis
 
@@ -22,7 +21,7 @@ class Diagnosed:
         folder, files: where it was written and the files' names; None and none if it was not.
     """
 
-    study: Study | PortStudy
+    study: Study
     finding: Finding
     diagnosis: Diagnosis
     folder: Path | None = None

@@ -13,7 +13,6 @@ import numpy as np
 from .descent import cost_of
 from .effect import Effect
 from .fit import Base, Fit, Fitter
-from .search_progress import counted_calls, stage
 from .study import Array
 
 __all__ = [
@@ -179,7 +178,6 @@ def search(
         if not level or level[0].cost > none.cost - promising or enough(level[0]):
             break
         before = level[0]
-        stage("pairs" if size == 2 else "more")
         bases = each(lambda fit: fitter.base(fit.effects, fit.z), level, workers)
         level = _grow(fitter, effects, bases, level[0].cost - promising, _KEPT_PAIRS, workers)
         level = [fit for fit in level if len(fit.effects) == size + len(always)]
@@ -205,7 +203,6 @@ def exchanged(fitter: Fitter, effects: Sequence[Effect], fit: Fit, workers: int 
     Args:
         effects: to choose from.
     """
-    stage("exchanged")
     return _further(fitter, effects, _without_one(fitter, fit, 0), workers)
 
 
@@ -259,9 +256,7 @@ def _grow(
 
     screened = [
         (cost, effect, base, start)
-        for (effect, _), (cost, base, start) in zip(
-            tasks, each(counted_calls(promise, False, workers), tasks, workers), strict=True
-        )
+        for (effect, _), (cost, base, start) in zip(tasks, each(promise, tasks, workers), strict=True)
         if cost < highest
     ]
     screened.sort(key=lambda one: one[0])
@@ -288,7 +283,7 @@ def _grow(
 
     found: list[Fit] = []
     for first in range(0, len(chosen), 2):  # two at a time: what is given up does not depend on the machine
-        fits = each(counted_calls(fitted, True, workers), chosen[first : first + 2], workers)
+        fits = each(fitted, chosen[first : first + 2], workers)
         found += [fit for fit in fits if fit is not None and math.isfinite(fit.cost)]
         aim = min([fit.cost for fit in found], default=math.inf) + HOPELESS
     return found

@@ -11,24 +11,10 @@ from typing import Any, TextIO
 from ..fmi import Array, Point
 from ..system.signal_vector import Signals
 
-__all__ = ["Progress", "Share", "counting"]
+__all__ = ["Progress", "counting"]
 
 _EVERY = 64
 _SECONDS_UNTIL_SHOWN = 2.0
-
-
-class Share(str):
-    """The text of how much of a stage is done, with its numbers: nobody has to parse the text."""
-
-    stage: str
-    done: int
-    total: int
-
-    def __new__(cls, stage: str, done: int, total: int, text: str = "") -> Share:
-        """`text`: as shown; by default "practice 3/60"."""
-        made = super().__new__(cls, text or f"{stage} {done}/{total}")
-        made.stage, made.done, made.total = stage, done, total
-        return made
 
 
 class Progress:

@@ -156,7 +156,6 @@ def sources(monkeypatch):
     ("place", "counts"),
     [
         ("master/jacobi.py", True),
-        ("diagnosis/ports/laws.py", True),  # can stand in a config
         ("campaign/derived.py", True),
         ("campaign/execute.py", True),
         ("diagnosis/verdict.py", False),
@@ -168,13 +167,9 @@ def test_the_product_is_known_by_what_computes(sources, place, counts):
 
 
 def test_effects_of_the_product_are_counted_once_and_others_of_its_modules_by_themselves():
-    law = through(
-        "orchestrator.diagnosis.ports.laws:Viscous",
-        read={"velocity": "satellite.velocity"},
-        damping="1 N.s/m",
-    )
-    assert products.effect_sources(prepare(law[0]).system) == []
-    played = through("orchestrator.diagnosis.ports.playback:Release")
+    own = through("gain", factor=2.0)
+    assert products.effect_sources(prepare(own[0]).system) == []
+    played = through("orchestrator.diagnosis.ports.playback:Playback")
     assert len(products.effect_sources(prepare(played[0]).system)) == 1
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -10,23 +10,23 @@ from typing import Any
 import numpy as np
 import yaml
 
+from orchestrator.base.errors import Problem
 from orchestrator.config import load_config
-from orchestrator.diagnosis.effect import Effect
-from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate, Finding
+from orchestrator.diagnosis.ports.given import check_logs
+from orchestrator.diagnosis.ports.replay import Replay
+from orchestrator.diagnosis.ports.study import PortRun, PortStudy
+from orchestrator.diagnosis.verdict import Warned
 from orchestrator.simulation.run import run
 from orchestrator.system.system import Port
 
 STEP = 2e-3
 NOISE = {"drive.position": 2e-6, "controller.voltage": 5e-3}
 UNITS = {"path.position": "m", "drive.position": "m", "controller.voltage": "V"}
-LAWS = "orchestrator.diagnosis.ports.laws"
 POSITION, VELOCITY = Port("drive", "position"), Port("drive", "velocity")
 VOLTAGE = Port("controller", "voltage")
-# Candidates of which the last two are equal. Each law is compiled when it is first used: few are quicker.
-TIED = {
-    "only": ["drive.coulomb", "drive.viscous", "drive.voltage.gain", "drive.force_per_voltage"],
-    "parameters": {"drive.force_per_voltage": "5 N/V"},
-}
+# Dry friction of the drive, by a damper that `system` adds.
+COULOMB = {"from": [{"port": "damper.force", "gain": -1}], "to": "drive.load"}
+DAMPER = {"fmu": "CoulombDamper", "start": {"level": "12 N", "width": "1 mm/s"}}
 
 
 @contextmanager
@@ -49,27 +49,16 @@ def system(stroke: float, connections: Sequence[Any] = ()) -> dict[str, Any]:
     data["connections"] = [*kept, *connections]
     if "drive.load" in own:
         del data["instances"]["drive"]["start"]["load"]
+    if COULOMB in connections:
+        data["instances"]["damper"] = DAMPER
+        data["connections"].append("drive.velocity -> damper.velocity")
     return data
-
-
-def friction(law: str, **options: Any) -> dict[str, Any]:
-    """A connection that gives the drive a law of friction."""
-    read = {"read": {"velocity": "drive.velocity"}}
-    return {
-        "from": [{"port": "drive.velocity", "gain": "0 N.s/m"}],
-        "to": "drive.load",
-        "through": [{"effect": f"{LAWS}:{law}", **options, **read}],
-    }
-
-
-COULOMB = friction("Coulomb", level="12 N", width="1 mm/s")
 
 
 def study(
     folder: Path,
     hidden: Sequence[Any] = (),
     seed: int | None = 1,
-    candidates: dict[str, Any] | None = None,
     finer: int = 1,
     instances: dict[str, Any] | None = None,
     logged: dict[str, tuple[str, float]] | None = None,
@@ -121,15 +110,29 @@ def study(
         },
         "settle": "50 ms",
         "runs": runs,
-        **({"candidates": candidates} if candidates else {}),
         **more,
     }
     (folder / "study.yaml").write_text(yaml.safe_dump(data))
     return folder
 
 
-def answer(effects: Mapping[str, Effect], name: str, *theta: float, ties: tuple[str, ...] = ()) -> Finding:
-    """A finding that names one effect."""
-    model = Augmented({}, (effects[name],), np.array(theta))
-    one = Candidate((name,), 1.0, {}, ties, 100.0, model)
-    return Finding((one,), (name,), (name.partition(".")[0],), "", (name,), NOMINAL)
+def checked(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
+    """What checks of the logs say, but for the error of the communication step, which these logs contain."""
+    refused, warned = check_logs(study)
+    return refused, [one for one in warned if "half the communication step" not in one.what]
+
+
+def simulated(study: PortStudy, run: PortRun | None = None) -> dict[Port, np.ndarray]:
+    """Signals of a run of a study, its first one by default, as configured."""
+    return Replay(study).signals(run or study.runs[0])
+
+
+def residuals(study: PortStudy) -> list[np.ndarray]:
+    """Residuals over the noise, of all runs and compared ports."""
+    replay = Replay(study)
+    return [
+        (run.logs[port] - values)[study.settled :] / study.columns[port].noise
+        for run in study.runs
+        for port, values in replay.signals(run).items()
+        if port in run.logs
+    ]

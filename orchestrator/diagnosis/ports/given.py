@@ -16,7 +16,7 @@ from ..study import Array
 from ..verdict import Warned
 from .clocks import wrong_clocks
 from .repeats import unlike
-from .replay import PortReplay
+from .replay import Replay, with_steps
 from .study import PortRun, PortStudy, Role
 from .tolerances import wide
 
@@ -44,25 +44,23 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
         forbid a diagnosis; and what a reader should be warned of.
     """
     stops: dict[str, list[StepError]] = {run.name: [] for run in study.runs}
-    given = {run.name: _signals(PortReplay(study, [run]), run, stops[run.name]) for run in study.runs}
-    found = [_mistake(study, run, given[run.name]) for run in study.runs]
+    replay = Replay(study)
+    given = {run.name: replay.signals(run, stops=stops[run.name]) for run in study.runs}
+    found = [_mistake(replay, run, given[run.name]) for run in study.runs]
     mistakes = [one for one in found if one is not None]
     refused = merged_problems(mistakes, "the same in {} more run{s}") + _stray(study, given, stops)
     # Beside a mistake of another kind nothing says about clocks.
-    late, doubtful = wrong_clocks(study, given) if not refused else ([], [])
+    late, doubtful = wrong_clocks(replay, given) if not refused else ([], [])
     return [*refused, *late], [
         *_stuck(study, given),
         *wide(study),
         *doubtful,
         *_unasked(study),
         *_unlike(study),
-        *_driven_by_noise(study, given),
+        *_driven_by_noise(replay, given),
+        *_long_step(study, given),
+        *_unused(study),
     ]
-
-
-def _signals(replay: PortReplay, run: PortRun, stops: list[StepError] | None = None) -> Signals:
-    """What the model as configured gives of a run; `stops`: see `Player.run`."""
-    return replay.signals(run, {}, (), np.zeros(0), stops=stops)
 
 
 def _compared(study: PortStudy, run: PortRun) -> list[Port]:
@@ -137,17 +135,18 @@ def _unlike(study: PortStudy) -> list[Warned]:
     return found
 
 
-def _driven_by_noise(study: PortStudy, signals: Mapping[str, Signals]) -> list[Warned]:
+def _driven_by_noise(replay: Replay, signals: Mapping[str, Signals]) -> list[Warned]:
     """Fed logs whose noise drives the model so that it shows: effects may imitate what it makes."""
     found: list[Warned] = []
+    study = replay.study
     run = study.of(Role.TRAIN)[0]
-    replay, given = PortReplay(study, [run]), signals[run.name]
+    given = signals[run.name]
     for number, port in enumerate(study.fed):
         noise = study.columns[port].noise
         if not noise or port not in run.logs:
             continue
         more = noise * np.random.default_rng(number).standard_normal(len(run))
-        noisier = _signals(replay, _with(run, {port: run.logs[port] + more}))
+        noisier = replay.signals(_with(run, {port: run.logs[port] + more}))
         moved = {
             one: float(np.std((noisier[one] - given[one])[study.settled :]))
             / float(study.columns[one].noise or 1)
@@ -166,6 +165,42 @@ def _driven_by_noise(study: PortStudy, signals: Mapping[str, Signals]) -> list[W
             )
             found.append(Warned(place=str(port), what=what, remedy=remedy))
     return found
+
+
+def _long_step(study: PortStudy, signals: Mapping[str, Signals]) -> list[Warned]:
+    """Compared signals that half the communication step changes by more than their noise."""
+    run = study.of(Role.TRAIN)[0]
+    halved = with_steps(study, 2)
+    if halved is None or not _compared(study, run):
+        return []
+    finer, given = Replay(halved).signals(run), signals[run.name]
+    with np.errstate(invalid="ignore", over="ignore"):
+        moved = {
+            port: float(np.sqrt(np.mean((finer[port] - given[port])[study.settled :] ** 2)))
+            / float(study.columns[port].noise or 1)
+            for port in _compared(study, run)
+        }
+    worst = max(moved, key=lambda one: moved[one])
+    if not 1.0 < moved[worst] < np.inf:
+        return []
+    step = f"{float(study.prepared.grid.step_size):.4g} s"
+    what = f"half the communication step of {step} changes {worst} by {moved[worst]:.2g} times its noise"
+    remedy = "Set a shorter run.step_size, or `hold` for signals of a digital device. Where the master "
+    remedy += "simulates the system, laws may imitate this error."
+    return [Warned(place=run.name, what=what, remedy=remedy)]
+
+
+def _unused(study: PortStudy) -> list[Warned]:
+    """Keys of the study that an earlier search took."""
+    remedy = {"candidates": " List a parameter that may differ under `calibrated`, with a wide tolerance."}
+    return [
+        Warned(
+            place=study.place(key),
+            what="has no effect any more: the search needs no list of effects",
+            remedy=f"Leave it out.{remedy.get(key, '')}",
+        )
+        for key in study.unused
+    ]
 
 
 def _unasked(study: PortStudy) -> list[Warned]:
@@ -194,28 +229,29 @@ def _stuck(study: PortStudy, signals: Mapping[str, Signals]) -> list[Warned]:
     return found
 
 
-def _mistake(study: PortStudy, run: PortRun, given: Signals) -> Mistake | None:
+def _mistake(replay: Replay, run: PortRun, given: Signals) -> Mistake | None:
     """The single mistake without which the model misses hardly anything, if there is one.
 
     Args:
         given: what the model as configured gives.
     """
+    study = replay.study
     before = _misfits(study, run, given)
     wrong = [port for port, misfit in before.items() if misfit > _WRONG]
     if not wrong:
         return None
-    replay, found = PortReplay(study, [run]), []
-    for port, told, mended in (*_factors(study, run), *_exchanged(study, run)):
-        after = _misfits(study, mended, _signals(replay, mended) if _drives(study, run, mended) else given)
+    found = []
+    for port, remedy, mended in (*_factors(study, run), *_exchanged(study, run)):
+        after = _misfits(study, mended, replay.signals(mended) if _drives(study, run, mended) else given)
         share = sum(after.get(one, np.inf) for one in wrong) / sum(before[one] for one in wrong)
         if share < _MENDED and max(after.values(), default=np.inf) < _FITS:
-            found.append((share, port, told))
+            found.append((share, port, remedy))
     if not found:
         return None
-    _, port, told = min(found, key=lambda one: one[0])
+    _, port, remedy = min(found, key=lambda one: one[0])
     worst = max(before, key=lambda one: before[one])
     what = f"the model misses {worst} by {before[worst] ** 0.5:.3g} times the spread of its log"
-    return Mistake(f"{run.name}: {port}", what, remedy=told)
+    return Mistake(f"{run.name}: {port}", what, remedy=remedy)
 
 
 def _drives(study: PortStudy, run: PortRun, other: PortRun) -> bool:
@@ -264,12 +300,12 @@ def _factors(study: PortStudy, run: PortRun) -> Iterator[tuple[str, str, PortRun
 
 
 def _exchanged(study: PortStudy, run: PortRun) -> Iterator[tuple[str, str, PortRun]]:
-    told = "All fits if the two are exchanged. Exchange their columns."
+    remedy = "All fits if the two are exchanged. Exchange their columns."
     sets = dict.fromkeys((*((port,) for port in run.logs), *_columns(study, run)))
     for ports, others in combinations(sets, 2):
         if not set(ports) & set(others):
             logs = dict.fromkeys(ports, run.logs[others[0]]) | dict.fromkeys(others, run.logs[ports[0]])
-            yield f"{_named(ports)}, {_named(others)}", told, _with(run, logs)
+            yield f"{_named(ports)}, {_named(others)}", remedy, _with(run, logs)
 
 
 def _named(ports: Iterable[Port]) -> str:

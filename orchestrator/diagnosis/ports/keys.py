@@ -11,20 +11,15 @@ from ..mapping import Column
 
 __all__ = [
     "FORMAT",
-    "SPEEDS",
+    "UNUSED",
     "CalibratedModel",
-    "CandidatesModel",
-    "ExperimentModel",
     "Logged",
-    "MotionModel",
     "Role",
     "RunModel",
     "StudyModel",
 ]
 
 FORMAT = "port-study/1"
-# Units by which motion is reported: that of the speed that goes with each.
-SPEEDS = {"m": "m/s", "m/s": "m/s", "rad": "rad/s", "rad/s": "rad/s"}
 
 
 class Role(Enum):
@@ -78,35 +73,6 @@ class CalibratedModel(BaseModel):
     value: Any = None
 
 
-class CandidatesModel(BaseModel):
-    """What stands under `candidates`."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    only: list[str] = []
-    without: list[str] = []
-    parameters: dict[str, Any] = {}
-
-
-class MotionModel(BaseModel):
-    """What stands under `motion`."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    port: str
-    rest: Any = None
-
-
-class ExperimentModel(BaseModel):
-    """One of `experiments`."""
-
-    model_config = ConfigDict(extra="forbid", populate_by_name=True)
-
-    name: str
-    description: str = ""
-    overrides: list[str] = Field([], alias="set")
-
-
 class StudyModel(BaseModel):
     """A study.yaml; its parts are read one by one, so that what is wrong in one hides nothing in others."""
 
@@ -120,8 +86,13 @@ class StudyModel(BaseModel):
     interval: Any = None
     settle: Any = None
     runs: list[Any]
+    # Keys of an earlier search: accepted with a warning, without effect.
     candidates: Any = None
     motion: Any = None
     window: Any = None
-    experiments: list[Any] = []
-    practice: str | None = None
+    experiments: Any = None
+    practice: Any = None
+
+
+# Of a study, without effect.
+UNUSED = ("candidates", "motion", "window", "experiments", "practice")

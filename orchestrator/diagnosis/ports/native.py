@@ -17,7 +17,7 @@ from ...fmi.workers import Work, pool_of
 from ...translate.inserted import memory_told, own_source
 from ..study import Array
 from ..verdict import Warned
-from .replay import PortReplay
+from .replay import Replay
 from .study import PortStudy
 
 __all__ = ["in_native_form"]
@@ -119,7 +119,7 @@ def _alike(one: CompiledFmu, other: CompiledFmu) -> bool:
 def _same(study: PortStudy, other: PortStudy) -> bool:
     """Whether both replay the first run alike."""
     run = study.runs[0]
-    given, found = (PortReplay(one, [run]).signals(run, {}, (), np.zeros(0)) for one in (study, other))
+    given, found = (Replay(one).signals(run) for one in (study, other))
     return all(
         np.allclose(given[port], found[port], rtol=0.0, atol=_SAME * _largest(given[port]), equal_nan=True)
         for port in given

@@ -10,7 +10,7 @@ from ...effects import Effect
 from ...effects.base import Array, Numbers
 from ..study import Array as Samples
 
-__all__ = ["Playback", "Release"]
+__all__ = ["Playback"]
 
 
 class Playback(Effect):
@@ -46,31 +46,3 @@ class Playback(Effect):
         if place >= len(options):
             place = len(options) - 1
         return options[place]
-
-
-class Release(Effect):
-    """y(t) is the sample at t of a table until some instant; from then on x plus that of another."""
-
-    jittable: ClassVar[bool] = True
-
-    table: Any = None
-
-    @staticmethod
-    def of(step: float, held: Samples, added: Samples) -> Release:
-        """Tables whose samples are `step` apart [s] from 0 s on; x is let through where the first ends."""
-        return Release.model_construct(table=np.concatenate([[step, float(len(held))], held, added]))
-
-    def numbers(self) -> Any:
-        """See Effect.numbers: step [s], how many samples the first table has; then both."""
-        return self.table
-
-    @staticmethod
-    def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
-        """See Effect.kernel."""
-        sample, held = int(time / options[0] + 0.5), int(options[1])
-        if sample < held:
-            return options[2 + sample]
-        place = 2 + held + sample
-        if place >= len(options):
-            place = len(options) - 1
-        return x[0] + options[place]

@@ -27,7 +27,7 @@ from ...system.signal_vector import Layout, Signals, Wired
 from ...system.system import Instance, System
 from ..study import Array
 from .idle import without_idle
-from .playback import Playback, Release
+from .playback import Playback
 
 __all__ = ["Inserted", "Player", "between"]
 
@@ -100,7 +100,6 @@ class Player:
         samples: int,
         start: Mapping[Port, Value] | None = None,
         inserted: Sequence[Inserted] = (),
-        errors: Mapping[Port, Array] | None = None,
         stops: list[StepError] | None = None,
     ) -> dict[Port, Array]:
         """Run from 0 s over so many samples.
@@ -109,14 +108,12 @@ class Player:
             logs: of the fed ports; those without keep the system's own signal. In the units of the ports.
             start: start values in place of the config's, in the units of the variables.
             inserted: in the order in which they act.
-            errors: added to what compared ports give, before effects act on it, each of shape (samples,).
             stops: is given what ended the run before its last sample: an FMU that failed, or that asked to.
         Returns: what the compared ports give, each of shape (samples,); NaN after what ended the run.
         """
         logs = {port: between(log, self._parts, port in self._held) for port, log in logs.items()}
         system = self._system(logs, start or {}, inserted, float(self.step_size))
-        added = {port: between(one, self._parts) for port, one in (errors or {}).items()}
-        layout, places = self._layout(system, logs, inserted, added)
+        layout, places = self._layout(system, logs, inserted)
         taken = np.full((len(places), (samples - 1) * self._parts + 1), np.nan)
         seen = _Seen(np.array(places, np.intp), taken)
         grid = Grid(Fraction(0), self.step_size, (samples - 1) * self._parts)
@@ -266,13 +263,8 @@ class Player:
         system: System,
         logs: Mapping[Port, Array],
         inserted: Sequence[Inserted],
-        added: Mapping[Port, Array],
     ) -> tuple[Layout, list[int]]:
-        """The layout, with signals that logs replace in place, and the places of the compared signals.
-
-        Args:
-            added: to what compared ports give, by communication step.
-        """
+        """The layout, with signals that logs replace in place, and the places of the compared signals."""
         plain, step = Layout.of(system), float(self.step_size)
         wire_of = {one.connection.target: one.place for one in plain.wired}
         feed_of = {one.target: one.source for one in system.connections}
@@ -301,8 +293,6 @@ class Player:
                 places.append(place(port))
                 continue
             own = tuple((one.effect, reads[id(one.effect)]) for one in inserted if one.port == port)
-            if port in added:
-                own = ((Release.of(step, np.zeros(0), added[port]), _NONE), *own)
             wired.append(_extra(port, plain.index[port], size, own))
             places.append(size)
             size += 1

@@ -11,7 +11,6 @@ import numpy as np
 
 from ...base.errors import ConfigError, Problem, in_order, listed, nearest
 from ...base.quantities import Measure
-from ...base.units import parse_unit
 from ...config import correct_spelling
 from ...fmi import Causality, Kind, Variable
 from ...simulation.run import Prepared, prepare
@@ -19,28 +18,17 @@ from ...system.checks import in_range
 from ...system.connection import Port
 from ..mapping import read_mapping
 from ..study import Nominal
-from .keys import (
-    SPEEDS,
-    CalibratedModel,
-    CandidatesModel,
-    ExperimentModel,
-    Logged,
-    MotionModel,
-    Role,
-    StudyModel,
-)
+from .keys import UNUSED, CalibratedModel, Logged, Role, StudyModel
 from .runs import Columns, read_runs
 from .sheet import Sheet
-from .study import PortRun, PortStudy, Trial, study_file
+from .study import PortRun, PortStudy, study_file
 
 __all__ = ["load_port_study"]
 
 
-def load_port_study(path: Path, practising: bool = False) -> PortStudy:
+def load_port_study(path: Path) -> PortStudy:
     """Read a study.
 
-    Args:
-        practising: whether it is about to be practised on, so that what that teaches may still be missing.
     Raises: ConfigError with all problems of study, system and logs.
     """
     sheet = Sheet(study_file(path))
@@ -48,29 +36,18 @@ def load_port_study(path: Path, practising: bool = False) -> PortStudy:
     model, wrong = sheet.taken(StudyModel, sheet.data)
     prepared, faithful = _prepared(sheet, model, wrong)
     if prepared is not None:
-        study = _Reader(sheet, model, prepared, faithful, practising).study()
+        study = _Reader(sheet, model, prepared, faithful).study()
     else:
         # What ports and parameters there are is not known; files and times can be looked at all the same.
         study = None
         sheet.seconds(model.settle, "settle")
-        sheet.seconds(model.window, "window")
-        _read_apart(sheet, model)
-        sheet.unchecked.append("ports, parameters and experiments of the study")
+        for name, entry in (model.calibrated or {}).items():
+            sheet.part(CalibratedModel, entry, "calibrated", name)
+        sheet.unchecked.append("ports and parameters of the study")
         read_runs(sheet, model.runs, Columns(_named(model), {}, {}, None), 0)
     if study is None or sheet.problems:
         raise ConfigError(in_order(sheet.problems), sheet.unchecked)
     return study
-
-
-def _read_apart(sheet: Sheet, model: StudyModel) -> None:
-    """Tell what is wrong with parts of a study, whatever its system is."""
-    sheet.part(CandidatesModel, model.candidates or {}, "candidates")
-    if model.motion is not None:
-        sheet.part(MotionModel, model.motion, "motion")
-    for name, entry in (model.calibrated or {}).items():
-        sheet.part(CalibratedModel, entry, "calibrated", name)
-    for number, entry in enumerate(model.experiments or ()):
-        sheet.part(ExperimentModel, entry, "experiments", number)
 
 
 def _named(model: StudyModel) -> tuple[str, ...]:
@@ -110,14 +87,10 @@ class _Reader:
 
     Args:
         faithful: whether the system is as the study wants it, its communication step with it.
-        practising: see `load_port_study`.
     """
 
-    def __init__(
-        self, sheet: Sheet, model: StudyModel, prepared: Prepared, faithful: bool, practising: bool
-    ) -> None:
+    def __init__(self, sheet: Sheet, model: StudyModel, prepared: Prepared, faithful: bool) -> None:
         self.sheet, self.model, self.prepared, self.faithful = sheet, model, prepared, faithful
-        self.practising = practising
         self.place, self.problems = sheet.place, sheet.problems
         self.parts = self._parts()
         self.step = self.parts * float(prepared.grid.step_size)
@@ -156,22 +129,12 @@ class _Reader:
         units = {name: _column_unit(one) for name, one in self.ports.items()} | {"time": "s"}
         mapping, fed, compared = self._columns(units)
         nominal = self._nominal()
-        candidates, priors = self._candidates()
         settled = sheet.seconds(model.settle, "settle")
-        window = self._window()
-        motion, rest = self._motion()
-        trials = self._trials()
-        practice = None if model.practice is None else sheet.file.parent / model.practice
-        if practice is not None and not self.practising and not practice.is_file():
-            what = f"no file {practice.name} in {practice.parent}"
-            remedy = "`orchestrator diagnose STUDY --practice N --out DIR` writes one."
-            sheet.add(("practice",), what, remedy=remedy)
         step = self.step if self.faithful else None
         columns = Columns(_named(model), mapping, units, step, tuple(map(str, compared)))
         runs = read_runs(sheet, model.runs, columns, round(settled / self.step))
-        self._window_in(runs, window, round(settled / self.step))
         self._moving(runs, compared, round(settled / self.step))
-        if sheet.problems or candidates is None:
+        if sheet.problems:
             return None
         return PortStudy(
             sheet.file.resolve().parent.name if sheet.file.name == "study.yaml" else sheet.file.stem,
@@ -182,16 +145,9 @@ class _Reader:
             nominal,
             round(settled / self.step),
             runs,
-            priors,
-            tuple(candidates.only),
-            tuple(candidates.without),
-            motion,
-            rest,
-            round(window / self.step),
-            trials=trials,
-            practice=practice,
             parts=self.parts,
             places=sheet.places,
+            unused=tuple(key for key in UNUSED if key in sheet.data),
         )
 
     def _columns(
@@ -209,36 +165,6 @@ class _Reader:
             self.sheet.add(("columns",), "no output is compared", "at least one output with its noise")
         return mapping, fed, compared
 
-    def _candidates(self) -> tuple[CandidatesModel | None, dict[str, float]]:
-        """What stands under `candidates`, and the priors of parameters in it."""
-        model = self.sheet.part(CandidatesModel, self.model.candidates or {}, "candidates")
-        priors = {}
-        for name, value in model.parameters.items() if model is not None else ():
-            priors[name] = self._number(name, value, "candidates", "parameters", name, least=0.0)
-        return model, {name: prior for name, prior in priors.items() if prior is not None}
-
-    def _window(self) -> float:
-        """After which components are taken up anew [s]; 0 by default."""
-        window = self.sheet.seconds(self.model.window, "window")
-        if self.faithful and 0.0 < window < 2.0 * self.step * (1.0 - 1e-9):
-            allowed = f"two samples, {2.0 * self.step:.6g} s, or more"
-            remedy = "Leave it out for a twentieth of each run."
-            self.sheet.add(("window",), f"got {self.model.window!r}", allowed, remedy)
-            return 0.0
-        return window
-
-    def _window_in(self, runs: tuple[PortRun, ...], window: float, settled: int) -> None:
-        """Tell a window longer than what is to be divided by it."""
-        told = [run for run in runs if run.role is Role.HELDOUT] or [
-            run for run in runs if run.role is Role.TRAIN
-        ]
-        shortest = min(told, key=len, default=None)
-        if shortest is not None and window > max(len(shortest) - settled, 0) * self.step:
-            longest = f"{(len(shortest) - settled) * self.step:.6g} s"
-            allowed = f"up to {longest}, what {shortest.name} holds after it settled"
-            remedy = "Leave it out for a twentieth of each run."
-            self.sheet.add(("window",), f"got {self.model.window!r}", allowed, remedy)
-
     def _moving(self, runs: tuple[PortRun, ...], compared: tuple[Port, ...], settled: int) -> None:
         """Tell if nothing moves at any port at which runs of training are compared."""
         train = [run for run in runs if run.role is Role.TRAIN]
@@ -249,47 +175,6 @@ class _Reader:
             what = "the logs of all compared ports are constant in the runs of the role train"
             remedy = "Check the columns, or take runs in which something moves; settle less."
             self.sheet.add(("columns",), f"{what} ({listed(sorted(found))})", "one that moves", remedy)
-
-    def _motion(self) -> tuple[Port | None, float | None]:
-        """The port by which phases of motion are reported, and the speed of rest in its unit."""
-        if self.model.motion is None:
-            return None, None
-        model, _ = self.sheet.taken(MotionModel, self.model.motion, "motion")
-        if model.port is None:
-            return None, None
-        variable = self.ports.get(model.port)
-        rate = None if variable is None else SPEEDS.get(variable.unit_name or "1")
-        if rate is None:
-            moving = [name for name, one in self.ports.items() if (one.unit_name or "1") in SPEEDS]
-            what = f"{model.port} is no position or velocity"
-            self.sheet.add(("motion", "port"), what, listed(moving), nearest(model.port, moving))
-            return None, None
-        rest = None
-        if model.rest is not None:
-            rest = self.sheet.size(Measure(rate, parse_unit(rate)), model.rest, "motion", "rest", least=0.0)
-        return Port.of(model.port), rest
-
-    def _trials(self) -> tuple[Trial, ...]:
-        """The experiments, each with the system as its settings make it."""
-        found: dict[str, Trial] = {}
-        for number, entry in enumerate(self.model.experiments):
-            place = ("experiments", number)
-            one = self.sheet.part(ExperimentModel, entry, *place)
-            if one is None:
-                continue
-            if one.name in found:
-                self.sheet.add((*place, "name"), f"two are called {one.name}", "one name for each")
-            try:
-                prepared = prepare(self.prepared.config, one.overrides, self.sheet.file.parent)
-            except ConfigError as error:
-                self.sheet.of_system(error, dict(enumerate(one.overrides)), (*place, "set"), place)
-                continue
-            step = self.prepared.grid.step_size
-            if self.faithful and prepared.grid.step_size != step:
-                what = f"changes the communication step to {float(prepared.grid.step_size):g} s"
-                self.sheet.add((*place, "set"), what, f"that of the study, {float(step):g} s")
-            found[one.name] = Trial(one.name, one.description, prepared)
-        return tuple(found.values())
 
     def _uses(self, columns: Mapping[Port, Logged]) -> tuple[tuple[Port, ...], tuple[Port, ...]]:
         fed, compared = [], []

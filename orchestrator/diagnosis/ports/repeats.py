@@ -8,10 +8,9 @@ import numpy as np
 
 from ...system.connection import Port
 from ..study import Array
-from .noise import white
-from .study import PortRun, PortStudy, Role
+from .study import PortRun, PortStudy
 
-__all__ = ["apart", "repeats_of", "unlike"]
+__all__ = ["unlike"]
 
 # Runs whose inputs differ by more of their spread do not repeat each other.
 _UNLIKE = 0.2
@@ -30,29 +29,17 @@ def unlike(study: PortStudy, run: PortRun, of: PortRun) -> Iterator[tuple[Port, 
         n = min(len(run), len(of))
         log, other = run.logs[port][:n], of.logs[port][:n]
         # Noise of a sensor does not repeat.
-        square = float(np.mean((log - other) ** 2)) - white(log - other)
+        square = float(np.mean((log - other) ** 2)) - _white(log - other)
         differ, spread = float(np.sqrt(max(square, 0.0))), float(np.std(other))
         if differ > _UNLIKE * spread + _LAST * float(np.abs(other).max()):
             yield port, differ, spread
 
 
-def apart(study: PortStudy, run: PortRun, port: Port) -> list[Array]:
-    """What differs at a port between a run and each of its repeats, as noise of one of them, once settled.
+def _white(r: Array) -> float:
+    """Variance of the white noise in a residual, by its second differences: smooth signals have nearly none.
 
-    Repeats that were driven otherwise are left out: they say about their inputs.
+    Args:
+        r: shape (n,), n at least 3.
+    Returns: at most the mean square of r.
     """
-    found = []
-    for other in repeats_of(study, run):
-        if port in run.logs and port in other.logs:
-            n = min(len(run), len(other))
-            found.append((run.logs[port][:n] - other.logs[port][:n])[study.settled :] / np.sqrt(2.0))
-    return found
-
-
-def repeats_of(study: PortStudy, run: PortRun) -> list[PortRun]:
-    """The repeats of a run that were driven as it was."""
-    return [
-        other
-        for other in study.of(Role.REPEAT)
-        if other.repeats == run.name and next(unlike(study, other, run), None) is None
-    ]
+    return min(float(np.mean(np.diff(r, 2) ** 2)) / 6.0, float(np.mean(r**2)))

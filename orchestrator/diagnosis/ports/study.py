@@ -13,11 +13,11 @@ from ...config import Places
 from ...config.text import compose
 from ...fmi import Causality, CompiledFmu
 from ...simulation.run import Prepared
-from ...system.connection import Connection, Port
+from ...system.connection import Port
 from ..study import Array, Nominal
 from .keys import FORMAT, Logged, Role
 
-__all__ = ["FORMAT", "Logged", "PortRun", "PortStudy", "Role", "Trial", "is_port_study", "study_file"]
+__all__ = ["FORMAT", "Logged", "PortRun", "PortStudy", "Role", "is_port_study", "study_file"]
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,6 @@ class PortRun:
     Attributes:
         logs: by port, in the unit of the port, each of shape (n,), a communication step apart.
         repeats: name of the run that it repeats; file: that it was read from.
-        errors: what is to be added to replays of compared ports for the error of their step; see `steps`.
     """
 
     name: str
@@ -35,31 +34,9 @@ class PortRun:
     logs: Mapping[Port, Array]
     repeats: str | None = None
     file: Path | None = None
-    errors: Mapping[Port, Array] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(next(iter(self.logs.values()), ()))
-
-    def until(self, end: int) -> PortRun:
-        """The run up to a sample."""
-        logs, errors = (
-            {port: values[:end] for port, values in one.items()} for one in (self.logs, self.errors)
-        )
-        return replace(self, logs=logs, errors=errors)
-
-
-@dataclass(frozen=True)
-class Trial:
-    """An experiment that the lab can make.
-
-    Attributes:
-        name, description: for the lab.
-        prepared: the system as it is then; its grid is that of the experiment.
-    """
-
-    name: str
-    description: str
-    prepared: Prepared
 
 
 @dataclass(frozen=True)
@@ -72,16 +49,9 @@ class PortStudy:
         fed, compared: ports; see `Logged`.
         nominal: calibrated parameters by "instance.parameter", in the variable's unit.
         settled: samples at the begin of each run that are not compared.
-        priors: of further parameters that may be other than configured, by "instance.parameter".
-        only, without: patterns of candidates; see `candidates`.
-        motion: port by whose velocity, or position, phases of motion are reported; None: as the logs offer.
-        rest: speed below which nothing moves [the port's unit, per second if a position]; None: by its size.
-        window: samples after which components are taken up from the measured state anew; 0: by the run.
-        leads: windows before one in which measured signals lead components to its begin; see `where.lasting`.
-        trials: what the lab can run next.
-        practice: file with what practice on simulated cases of this study taught; None without.
         parts: communication steps from one sample of the logs to the next.
         places: where in its file things stand; None of one that was not read.
+        unused: keys of its file that have no effect.
         natives: FMUs that replays take in place of others, by the files of these; see
             `native.in_native_form`.
     """
@@ -94,17 +64,9 @@ class PortStudy:
     nominal: Mapping[str, Nominal]
     settled: int
     runs: tuple[PortRun, ...]
-    priors: Mapping[str, float]
-    only: tuple[str, ...] = ()
-    without: tuple[str, ...] = ()
-    motion: Port | None = None
-    rest: float | None = None
-    window: int = 0
-    leads: int = 1
-    trials: tuple[Trial, ...] = ()
-    practice: Path | None = None
     parts: int = 1
     places: Places | None = field(default=None, compare=False, repr=False)
+    unused: tuple[str, ...] = ()
     natives: Mapping[Path, CompiledFmu] = field(default_factory=dict, compare=False, repr=False)
 
     def of(self, *roles: Role) -> tuple[PortRun, ...]:
@@ -130,11 +92,6 @@ class PortStudy:
         return frozenset(port for port, one in self.columns.items() if one.hold)
 
     @property
-    def given(self) -> tuple[Port, ...]:
-        """Fed ports that stay so where loops are closed: neither what is compared nor who reads that."""
-        return tuple(one for one in self.fed if one not in self.compared and self.reading(one) is None)
-
-    @property
     def unasked(self) -> tuple[Port, ...]:
         """Outputs that are fed for want of a noise, though their components are driven: of a source, such as
         a path, nothing could be compared.
@@ -152,18 +109,6 @@ class PortStudy:
 
     def _is_input(self, port: Port) -> bool:
         return self.prepared.system.variable(port).causality is Causality.INPUT
-
-    def reading(self, port: Port) -> Connection | None:
-        """The connection by which a fed input reads an output that is compared; None if it does not."""
-        connections = self.prepared.system.connections
-        return next(
-            (
-                one
-                for one in connections
-                if one.target == port and not one.wire and one.source in self.compared
-            ),
-            None,
-        )
 
     def place(self, *path: str | int) -> str:
         """Where in the study's file something stands, for problems."""

@@ -31,8 +31,8 @@ def wide(study: PortStudy) -> list[Warned]:
                 place=study.place("calibrated", name, "tolerance"),
                 what=f"{got} is {share} of the value and leaves its sign open; expected, as one standard "
                 f"deviation: below {value}",
-                remedy="Give what the calibration is known to; a number of which nothing is known is a "
-                "candidate, under `candidates: {parameters: ...}`.",
+                remedy="Give what the calibration is known to: the search moves a number by up to three "
+                "tolerances without a reason.",
             )
         )
     return found

@@ -74,8 +74,6 @@ def diagnose_system(
         raise ConfigError(refused)
     found = answer(study, progress)
     found.remarks.extend(f"{one.place}: {one.what}. {one.remedy}" for one in (*warned, *slow))
-    if study.only or study.without or study.practice:
-        found.remarks.append("`candidates` and `practice` of the study count for `--effects` only.")
     if out is None:
         return DiagnosedSystem(study, found)
     folder = Path(out)
