@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import gzip
+import io
 import struct
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from ..fmi.archive import LARGEST_EXPANSION
 
-__all__ = ["LogError", "check_columns", "check_mat", "check_size", "gunzipped"]
+__all__ = ["LogError", "check_columns", "check_mat", "check_mcap", "check_size", "gunzipped"]
 
 # Of what is read, whatever the size of the file: a text, which takes long to read, and numbers in binary.
 SMALLEST_TEXT, SMALLEST_NUMBERS = 16 * 2**20, 256 * 2**20
@@ -76,3 +78,32 @@ def _compressed(path: Path) -> Iterator[bytes]:
                 yield file.read(size)
             else:
                 file.seek(size, 1)
+
+
+def check_mcap(path: Path) -> None:
+    """Judge an MCAP file by what its chunks expand to, not by what they state. Raises: LogError."""
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader
+
+    size, packed = 0, path.stat().st_size
+    with path.open("rb") as stream:
+        for record in StreamReader(stream, emit_chunks=True, record_size_limit=packed).records:
+            for piece in _unpacked(record) if isinstance(record, Chunk) else ():
+                size += len(piece)
+                check_size(size, packed)
+
+
+def _unpacked(chunk: Any) -> Iterator[bytes]:
+    """The content of a chunk of an MCAP file, piece by piece."""
+    if chunk.compression == "zstd":
+        import zstandard
+
+        yield from zstandard.ZstdDecompressor().read_to_iter(chunk.data, write_size=_PIECE)
+    elif chunk.compression == "lz4":
+        import lz4.frame
+
+        with lz4.frame.open(io.BytesIO(chunk.data)) as stream:
+            while piece := stream.read(_PIECE):
+                yield piece
+    else:
+        yield chunk.data

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import needs
-from .log_sizes import LogError, check_columns, check_mat, check_size, gunzipped
+from .log_sizes import LogError, check_columns, check_mat, check_mcap, check_size, gunzipped
 
 __all__ = ["LogError", "Signal", "name_and_unit", "read_log"]
 
@@ -210,10 +210,8 @@ def _add(found: dict[str, Signal], name: str, values: np.ndarray, unit: str = ""
 def _mcap(path: Path) -> dict[str, Signal]:
     from mcap.reader import make_reader
 
+    check_mcap(path)
     with path.open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-        chunks = summary.chunk_indexes if summary is not None else ()
-        check_size(sum(one.uncompressed_size for one in chunks), path.stat().st_size)
         return _recorded(_decoded(make_reader(stream)))
 
 

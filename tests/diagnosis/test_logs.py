@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import struct
 import zlib
 from time import process_time
 
@@ -14,7 +15,9 @@ import pyarrow.parquet
 import pytest
 import yaml
 from logged import logged_study
-from mcap.writer import Writer
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.io import savemat
@@ -297,6 +300,32 @@ def test_packed_logs_that_are_damaged_are_refused(tmp_path):
             read_log(path)
     path.write_bytes(whole)
     assert len(read_log(path)["x"].values) == 1000
+
+
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
+@pytest.mark.parametrize("told", ["right", "too little", "no summary"])
+def test_an_mcap_log_that_expands_too_far_is_refused(compression, told, tmp_path):
+    """Whatever the file states of its size."""
+    path = tmp_path / "a.mcap"
+    index = IndexType.NONE if told == "no summary" else IndexType.ALL
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=2**26, compression=compression, index_types=index)
+        writer.start()
+        channel = writer.register_channel("/x", "json", 0)
+        for stamp in range(270):
+            writer.add_message(channel, stamp, b'{"v": 1' + b" " * 2**20 + b"}", stamp)
+        writer.finish()
+    if told == "too little":
+        data = path.read_bytes()
+        with path.open("rb") as stream:
+            chunks = [one for one in StreamReader(stream, emit_chunks=True).records if isinstance(one, Chunk)]
+        for one in chunks:
+            data = data.replace(struct.pack("<Q", one.uncompressed_size), struct.pack("<Q", 10))
+        path.write_bytes(data)
+    begin = process_time()
+    with pytest.raises(LogError, match=r"^refused, its \d+ bytes expand to \d+ or more"):
+        read_log(path)
+    assert process_time() - begin < 3.0
 
 
 def test_a_log_of_mostly_constant_columns_is_read_however_it_is_packed(tmp_path):
