@@ -260,10 +260,11 @@ _LAWS = {
         "hysteresis", _friction, lambda c: {"level": c.share * c.w, "travel": c.draw(0.02, 0.2) * c.path},
         lambda t, s, z, n: n[0] * z[0], True,
         lambda s, z, n: s / n[1] * (1.0 - math.copysign(1.0, s) * z[0]), shared=False),
-    # The follower moves where the play is used up.
+    # The follower moves where the play is used up; the output does not see its short lag.
     "backlash": _Law(
         "backlash", lambda c: c.sensor, lambda c: {"half width": c.draw(0.03, 0.2) * c.u, "time": 0.2 * c.h},
-        lambda t, s, z, n: z[0] - s, False, lambda s, z, n: (s - z[0] - _clip(s - z[0], n[0])) / n[1], False),
+        lambda t, s, z, n: -_clip(s - z[0], n[0]), False,
+        lambda s, z, n: (s - z[0] - _clip(s - z[0], n[0])) / n[1], False),
 }  # fmt: skip
 
 

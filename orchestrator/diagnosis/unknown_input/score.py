@@ -91,8 +91,11 @@ def scored(
             for start in starts_of(one, runs):
                 numbers = np.array(start)
                 if law.linear:
-                    spreads = runs.spread[list(one.inserted.signals)]
-                    typical = law.typical(spreads, numbers, runs.model.study.interval, runs.length)
+                    read = list(one.inserted.signals)
+                    typical = law.typical(
+                        0.5 * (runs.low + runs.high)[read], runs.spread[read], numbers,
+                        runs.model.study.interval, runs.length,
+                    )  # fmt: skip
                     if not typical > 0.0:
                         continue
                     numbers[0] *= _SMALL * runs.spread_at(place) / typical

@@ -175,6 +175,23 @@ class _Search:
             {tuple(law.name for law in one.laws): (one, two) for one, two in reversed(found)}.values()
         )[::-1]
 
+    def alone(self, found: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished]]:
+        """Each law of the best pair without the other, from the numbers that it has in the pair.
+
+        A fit of one law that began elsewhere may have missed them.
+        """
+        pairs = [one for one in found if len(one[0].laws) == 2]
+        if not pairs:
+            return []
+        best, polished = min(pairs, key=lambda each: each[1].remains)
+        count = len(self.model.nominal)
+        return [
+            self.to_the_end(
+                self.fitted((law,), np.r_[polished.constants[:count], values], polished.starts, 12, None)
+            )
+            for law, values, _ in best.by_law()
+        ]
+
     def to_the_end(self, one: tuple[Fitted, Polished]) -> tuple[Fitted, Polished]:
         """A fit carried on with all samples; by exact derivatives if something is left."""
         laws = one[0].laws
@@ -240,17 +257,20 @@ class _Search:
         return np.flatnonzero(change > _FAR * self.model.tolerance).tolist()
 
     def weighed(self, found: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished, float]]:
-        """Fits with their evidence [nats], best first.
+        """The best fit of each set of laws with its evidence [nats], best first.
 
         A residual that remembers `length` samples holds 1 / length of them as evidence.
         """
-        least = min(found, key=lambda each: each[1].remains)[1]
+        best: dict[tuple[str, ...], tuple[Fitted, Polished]] = {}
+        for one in sorted(found, key=lambda each: each[1].remains):
+            best.setdefault(tuple(sorted(law.name for law in one[0].laws)), one)
+        least = next(iter(best.values()))[1]
         effective = least.samples / least.length
         weighed = [
             (one, two, -effective * np.log(max(two.remains, 1e-6)) - 0.5 * min(two.strain, 1e6)
              - 0.5 * len(two.constants) * np.log(max(effective, 2.0))
              + sum(np.log(law.law.odds) for law in one.laws))
-            for one, two in found if np.isfinite(two.remains)
+            for one, two in best.values() if np.isfinite(two.remains)
         ]  # fmt: skip
         return sorted(weighed, key=lambda each: each[2], reverse=True)
 
@@ -287,11 +307,13 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
                     if not search.explained(every):
                         more = search.scores(one[0].laws, one[1]).candidates
                         every += search.tried([[two] for two in more if two.law.states == 0][:_BESIDE], one)
-            if (
-                model.filters
-                and search.base.remains > _LOST * _spread(search.runs)
-                and not search.explained(every)
-            ):
+                if not search.explained(every):
+                    one = singles[0]
+                    rare = search.scores(one[0].laws, one[1], late=True).candidates
+                    every += search.tried([[two] for two in spread_out(rare, _BESIDE, 1)], one)
+                every += search.alone(every)
+            least = min(one.remains for _, one in every)
+            if model.filters and least > _LOST * _spread(search.runs) and not search.explained(every):
                 every += search.filtered()
         weighed = search.weighed(every)
         chosen = _simplest(search, weighed)

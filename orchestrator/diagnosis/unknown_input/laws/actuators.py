@@ -71,7 +71,7 @@ LAWS = [
     Law(
         "saturation",
         "saturation",
-        (Number("limit", "u", (1.0, 2.0), positive=True),),
+        (Number("limit", "u", (0.5, 0.7, 0.9), "most", positive=True),),
         _saturation,
         _OWN,
         kinds=(1, 3),
@@ -177,7 +177,7 @@ LAWS = [
     Law(
         "power curve",
         "gain curve",
-        (Number("pivot", "u", (1.5,), positive=True), Number("exponent", "1", (0.6, 1.6), "one")),
+        (Number("pivot", "u", (1.0,), "most", positive=True), Number("exponent", "1", (0.6, 1.6), "one")),
         _power_curve,
         _OWN,
         kinds=(1, 3),

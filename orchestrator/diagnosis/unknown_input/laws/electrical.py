@@ -72,7 +72,7 @@ LAWS = [
     Law(
         "iron saturation",
         "saturation",
-        (Number("limit", "u", (1.5,), positive=True),),
+        (Number("limit", "u", (0.9,), "most", positive=True),),
         _iron,
         "own",
         kinds=(1, 3),

@@ -46,7 +46,6 @@ def _load_pressure(t, s, n, z, out):
     out[0] = s[0] * (math.sqrt(max(left, 0.0)) - 1.0)
 
 
-_LEVELS = (1.0, 1.5, 2.0, 3.0)
 LAWS = [
     Law(
         "root of the signal",
@@ -62,12 +61,11 @@ LAWS = [
     Law(
         "overflow",
         "overflow",
-        (Number("factor", "w/u", (-0.3,), "rate"), Number("level", "u", _LEVELS)),
+        (Number("factor", "w/u"), Number("level", "u", (0.4, 0.7, 0.9), "range")),
         _overflow,
         "any",
         kinds=(2,),
         at="flow",
-        linear=False,
         modelica="y = factor*max(u - level, 0);",
         sentence="What leaves above a level.",
     ),
@@ -135,12 +133,11 @@ LAWS = [
     Law(
         "boiling limit",
         "overflow",
-        (Number("factor", "w/u", (-0.3,), "rate"), Number("limit", "u", (0.75, 0.95), "range")),
+        (Number("factor", "w/u"), Number("limit", "u", (0.75, 0.95), "range")),
         _overflow,
         "temperature",
         kinds=(2,),
         at="flow",
-        linear=False,
         modelica="y = factor*max(u - limit, 0);",
         sentence="A temperature that stays where a liquid boils.",
         late=True,

@@ -57,9 +57,10 @@ class Number:
         name: of it.
         unit: with `w` for the unit at the place, `u` for that of the signal, `v` for that of the second one.
         starts: where fits begin, in multiples of `by`: the signal's "spread", the "interval" of the logs, one
-            over it ("rate"), "one", the length of a "run", the spread of the signal's "slope", the spread
-            times the interval ("step"), the "second" signal's largest size, the "product" of both spreads.
-            "range": parts of the way from the signal's lowest to its highest value; "second range" likewise.
+            over it ("rate"), "one", the signal's largest size ("most"), the length of a "run", the spread of
+            the signal's "slope", the spread times the interval ("step"), the "second" signal's largest size,
+            the "product" of both spreads. "range": parts of the way from the signal's lowest to its highest
+            value; "second range" likewise.
         most: largest size, times the signal's spread; a fit beyond it is another law.
         positive: whether its sign means nothing.
     """
@@ -164,14 +165,14 @@ class Law:
             grids = [[*some, begin + start * size] for some in grids for start in number.starts]
         return [[1.0, *some] if self.linear else some for some in grids]
 
-    def typical(self, spreads: Any, numbers: Any, interval: float, length: float) -> float:
-        """Size of w along signals of such spreads, in a run of such a length [s]."""
+    def typical(self, middles: Any, spreads: Any, numbers: Any, interval: float, length: float) -> float:
+        """Size of w along signals around such middles of such spreads, in a run of such a length [s]."""
         if self.states:
             time = interval * np.arange(40.0)
             wave = 1.5 * np.sin(0.4 * np.arange(40.0))
         else:
             time, wave = np.full(3, length), np.array([-2.0, 1.0, 4.0])
-        return float(np.abs(self.values(time, np.outer(wave, spreads), numbers, interval)).max())
+        return float(np.abs(self.values(time, middles + np.outer(wave, spreads), numbers, interval)).max())
 
     def fits(self, unit: str, own: bool, place: str) -> bool:
         """Whether it reads a signal of such a unit, and acts at a place of such a dimension."""

@@ -190,7 +190,7 @@ LAWS = [
     Law(
         "stop",
         "stiffness",
-        (Number("stiffness", "w/u"), Number("travel", "u", (1.0, 2.0), positive=True)),
+        (Number("stiffness", "w/u"), Number("travel", "u", (0.5, 0.8), "most", positive=True)),
         _stop,
         "travel",
         at="force",
