@@ -126,10 +126,9 @@ def _built(study: PortStudy, law: Candidate, values: list[float], name: str, fol
         declared.append(f'  parameter Real {number.word} = {value!r} "{number.name}";')
     if re.search(r"\binterval\b", code):
         declared.append(f'  parameter Real interval = {study.interval!r} "Interval of the logs";')
-    settled = law.law.settled
-    declared += [
-        f"  Real z{k + 1}{'' if k in settled else '(start=0, fixed=true)'};" for k in range(law.law.states)
-    ]
+    states = [k for k in range(law.law.states) if f"z{k + 1}" in code]
+    settled = [k for k in law.law.settled if k in states]
+    declared += [f"  Real z{k + 1}{'' if k in settled else '(start=0, fixed=true)'};" for k in states]
     begin = "".join(f"initial equation\n  z{k + 1} = u;\n" for k in settled)
     series = law.signal == law.place.name
     if series:

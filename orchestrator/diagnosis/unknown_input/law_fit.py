@@ -135,7 +135,7 @@ def readable(model: StateModel, place: Place, late: bool = False) -> list[Candid
 
 
 def _candidate(law: Law, place: Place, name: str, read: tuple[int, ...], second: str = "") -> Candidate:
-    put = Inserted(place, law.address, read, len(law.numbers), law.states, law.settled)
+    put = Inserted(place, law.address, read, len(law.numbers), law.states, law.settled, law.delay)
     return Candidate(law, place, name, put, (), 0.0, second)
 
 

@@ -32,7 +32,8 @@ _SET, _GET, _SELF, _SET_REFS, _SETS, _SET_VALUES, _GET_REFS, _GETS, _GET_VALUES 
 _X, _NX, _U, _NU, _P, _NP, _Y, _NY, _VERSION = range(9, 18)
 COLUMNS = 18
 # Columns of what acts: where, and which law.
-_KIND, _COMPONENT, _INDEX, _HAS_W, _LAW, _SIGNAL, _COUNT, _NUMBER, _HIDDEN, _STATES, _INTERVAL = range(11)
+_KIND, _COMPONENT, _INDEX, _HAS_W, _LAW, _SIGNAL, _COUNT, _NUMBER, _HIDDEN, _STATES = range(10)
+_INTERVAL, _DELAY = 10, 11
 
 
 class Kinds(IntEnum):
@@ -66,6 +67,8 @@ class Inserted:
 
     Attributes:
         settled: states that start at the first signal.
+        delay: whether its first number delays the first signal. Open simulations then look the signal up in
+            the past, filters take the law's states.
     """
 
     place: Place
@@ -74,10 +77,51 @@ class Inserted:
     numbers: int
     states: int = 0
     settled: tuple[int, ...] = ()
+    delay: bool = False
 
 
 @njit()
-def _acting(act, x, u, y, t, w, signals, theta, hidden, extra, s, out):
+def _summed(past, step, now, signal, at):
+    """Integral of a signal up to a point of time [steps]; see `_delayed`."""
+    if at <= 0.0:
+        return at * (past[0, 0] if step > 0 or now[3] > 0.0 else signal)
+    before = int(at)
+    if before < step:
+        part = at - before
+        begin, end = past[before, 0], past[before + 1, 1]
+        return past[before, 2] + part * (begin + 0.5 * part * (end - begin))
+    begin = past[step, 0] if now[3] > 0.0 else signal
+    return past[step, 2] + (at - step) * 0.5 * (begin + signal)
+
+
+@njit()
+def _delayed(past, now, time, signal):
+    """A signal some time ago, the mean over one step; writes `past`.
+
+    A jump within a step then counts by its part of the step, so that fits see it move.
+
+    Args:
+        past: values at the begin and at the end of each step, and the integral up to its begin, shape
+            (steps + 1, 3). Where the signal jumps at a step's begin, both differ.
+        now: step, its part that is over, its length [s], and 1 where it begins, 2 where it ends.
+        signal: its present value.
+    """
+    step = int(now[0])
+    if now[3] == 1.0:
+        past[step, 0] = signal
+    elif now[3] == 2.0:
+        past[step + 1, 1] = signal
+        past[step + 1, 2] = past[step, 2] + 0.5 * (past[step, 0] + signal)
+    at = now[0] + now[1] - abs(time) / now[2]
+    half = min(0.5, now[0] + now[1] - at)
+    if half < 1e-9:
+        return signal
+    late = _summed(past, step, now, signal, at + half)
+    return (late - _summed(past, step, now, signal, at - half)) / (2.0 * half)
+
+
+@njit()
+def _acting(act, x, u, y, t, w, signals, theta, hidden, extra, s, out, past, now):
     """What one row of `acts` adds at its place; writes the derivatives of its law's states."""
     total = w if act[_HAS_W] else 0.0
     if act[_LAW] != 0:
@@ -89,6 +133,8 @@ def _acting(act, x, u, y, t, w, signals, theta, hidden, extra, s, out):
         numbers = theta.ctypes.data + 8 * act[_NUMBER]
         states = hidden.ctypes.data + 8 * act[_HIDDEN]
         call_law(act[_LAW], t, s.ctypes.data, numbers, states, out.ctypes.data)
+        if act[_DELAY] and len(past) > 0:
+            out[0] = _delayed(past, now, theta[act[_NUMBER]], s[0]) - s[0]
         total += out[0]
         for k in range(act[_STATES]):
             extra[act[_HIDDEN] + k] = out[1 + k]
@@ -96,14 +142,15 @@ def _acting(act, x, u, y, t, w, signals, theta, hidden, extra, s, out):
 
 
 @njit()
-def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, rate, extra):
+def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, rate, extra, past, now):
     """Derivatives and outputs at one point.
 
     Args:
         rows: components, shape (n, 18). wiring: see `StateModel`. x, ext, p: states, fed signals, parameters.
-        acts: what acts where, shape (n, 11), see `acts_of`. w: the unknown input.
+        acts: what acts where, shape (n, 12), see `acts_of`. w: the unknown input.
         signals: which of [x, u, y] the laws read. theta, hidden: their numbers and their states.
         u, y, rate: written, inputs, outputs and derivatives. extra: written, derivatives of `hidden`.
+        past, now: of signals that laws delay, shape (acts, steps + 1, 3), or (acts, 0, 3); see `_delayed`.
     """
     first, source, gain, constant, u_ext, y_ext, schedule = wiring
     s, out = np.empty(8), np.zeros(8)
@@ -120,7 +167,9 @@ def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, 
                 u[i] = value
         for a in range(len(acts)):
             if acts[a, _COMPONENT] == c and acts[a, _KIND] == 1:
-                u[acts[a, _INDEX]] += _acting(acts[a], x, u, y, t, w, signals, theta, hidden, extra, s, out)
+                u[acts[a, _INDEX]] += _acting(
+                    acts[a], x, u, y, t, w, signals, theta, hidden, extra, s, out, past[a], now
+                )  # fmt: skip
         at = row[_SET_VALUES]
         for i in range(row[_NX]):
             store(at, x[row[_X] + i])
@@ -150,7 +199,9 @@ def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, 
             at += 8
         for a in range(len(acts)):
             if acts[a, _COMPONENT] == c and acts[a, _KIND] > 1:
-                added = _acting(acts[a], x, u, y, t, w, signals, theta, hidden, extra, s, out)
+                added = _acting(
+                    acts[a], x, u, y, t, w, signals, theta, hidden, extra, s, out, past[a], now
+                )  # fmt: skip
                 if acts[a, _KIND] == 2:
                     rate[acts[a, _INDEX]] += added
                 else:
@@ -442,10 +493,10 @@ def acts_of(laws: Sequence[Inserted], w: Place | None, interval: float) -> tuple
         where = one.place
         rows.append([
             int(where.kind), where.component, where.index, 0, one.address, len(signals), len(one.signals),
-            number, hidden, one.states, round(1e9 * interval),
+            number, hidden, one.states, round(1e9 * interval), int(one.delay),
         ])  # fmt: skip
         signals += one.signals
         number, hidden = number + one.numbers, hidden + one.states
     if w is not None:
-        rows.append([int(w.kind), w.component, w.index, 1, 0, 0, 0, 0, 0, 0, 0])
-    return np.array(rows, np.int64).reshape(len(rows), 11), np.array(signals, np.int64)
+        rows.append([int(w.kind), w.component, w.index, 1, 0, 0, 0, 0, 0, 0, 0, 0])
+    return np.array(rows, np.int64).reshape(len(rows), 12), np.array(signals, np.int64)

@@ -38,25 +38,32 @@ class Smoothed:
 
 
 @njit()
-def _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, rate, extra):
+def _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, rate, extra, past, now):
     nx, nh, np_, nt, nw = n
     a, b, c = nx + nh, nx + nh + np_, nx + nh + np_ + nt
     w = z[c] if nw > 0 else 0.0
-    evaluate(rows, wiring, z[:nx], ext, z[a:b], t, acts, w, signals, z[b:c], z[nx:a], u, y, rate, extra)
+    evaluate(
+        rows, wiring, z[:nx], ext, z[a:b], t, acts, w, signals, z[b:c], z[nx:a], u, y, rate, extra, past, now,
+    )  # fmt: skip
 
 
 @njit()
-def _step(rows, wiring, z, n, e0, e1, t, h, acts, signals, u, y, sub):
+def _step(rows, wiring, z, n, e0, e1, t, h, acts, signals, u, y, sub, past, now):
     """RK4 over one sample."""
     nx, nh, np_, nt, nw = n
     m, d = nx + nh, h / sub
     c = m + np_ + nt
     z = z.copy()
     k = np.zeros((4, m))
+    first = now[0]
+    now[2] = d
     for s in range(sub):
         base = z.copy()
+        now[0] = first + s
         for i in range(4):
-            f = (s + (0.0, 0.5, 0.5, 1.0)[i]) / sub
+            now[1] = (0.0, 0.5, 0.5, 1.0)[i]
+            now[3] = (1.0, 3.0, 3.0, 2.0)[i]
+            f = (s + now[1]) / sub
             if i > 0:
                 g = d * (0.0, 0.5, 0.5, 1.0)[i]
                 for j in range(m):
@@ -65,13 +72,20 @@ def _step(rows, wiring, z, n, e0, e1, t, h, acts, signals, u, y, sub):
                     z[c] = base[c] + g * base[c + 1]
             _rate(
                 rows, wiring, z, n, e0 + (e1 - e0) * f, t + f * h, acts, signals, u, y,
-                k[i, :nx], k[i, nx:],
+                k[i, :nx], k[i, nx:], past, now,
             )  # fmt: skip
         for j in range(m):
             z[j] = base[j] + d / 6.0 * (k[0, j] + 2.0 * k[1, j] + 2.0 * k[2, j] + k[3, j])
         if nw == 2:
             z[c] = base[c] + d * base[c + 1]
+    now[0], now[1], now[3] = first + sub, 0.0, 0.0
     return z
+
+
+@njit()
+def _no_past(acts):
+    """Of filters and derivatives, which take the states of laws that delay."""
+    return np.zeros((len(acts), 0, 3)), np.zeros(4)
 
 
 @njit()
@@ -80,13 +94,14 @@ def _jacobians(rows, wiring, z, n, ext, t, acts, signals, u, y, delta, measured,
     m, nz = nx + nh, len(z)
     a, c = np.zeros((nz, nz)), np.zeros((len(measured), nz))
     r0, r1 = np.zeros(m), np.zeros(m)
-    _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, r0[:nx], r0[nx:])
+    past, now = _no_past(acts)
+    _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, r0[:nx], r0[nx:], past, now)
     y0 = y[measured].copy()
     for i in range(nz - (1 if nw == 2 else 0)):
         old = z[i]
         step = delta[i] + tiny * abs(old)
         z[i] = old + step
-        _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, r1[:nx], r1[nx:])
+        _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, r1[:nx], r1[nx:], past, now)
         z[i] = old
         for j in range(m):
             a[j, i] = (r1[j] - r0[j]) / step
@@ -110,6 +125,7 @@ def _filter(
     zf, pf = np.zeros((kept, nz)), np.zeros((kept, nz, nz))
     fs = np.zeros((kept, nz, nz))
     eye = np.eye(nz)
+    past, now = _no_past(acts)
     loglik = 0.0
     c_w = nz - nw
     for k in range(count):
@@ -125,7 +141,7 @@ def _filter(
             f = one
             for _ in range(sub - 1):
                 f = one @ f
-            z = _step(rows, wiring, z, n, e0, e1, (k - 1) * h, h, acts, signals, u, y, sub)
+            z = _step(rows, wiring, z, n, e0, e1, (k - 1) * h, h, acts, signals, u, y, sub, past, now)
             p = f @ p @ f.T
             if nw == 1:
                 p[c_w, c_w] += q * h
@@ -188,15 +204,18 @@ def _simulate(rows, wiring, z, n, ext, held, h, sub, acts, signals, nu, ny, meas
     nx = n[0]
     found, signal = np.full((count, len(measured)), np.nan), np.full((count, nx + nu + ny), np.nan)
     rate, extra = np.zeros(nx), np.zeros(n[1])
+    past, now = np.zeros((len(acts), count * sub + 1 if np.any(acts[:, 11]) else 0, 3)), np.zeros(4)
+    now[2] = h / sub
     for k in range(count):
         if k > 0:
             e0 = ext[k - 1]
             z = _step(
-                rows, wiring, z, n, e0, np.where(held, e0, ext[k]), (k - 1) * h, h, acts, signals, u, y, sub
-            )
+                rows, wiring, z, n, e0, np.where(held, e0, ext[k]), (k - 1) * h, h, acts, signals, u, y, sub,
+                past, now,
+            )  # fmt: skip
         if not np.all(np.isfinite(z)):
             break
-        _rate(rows, wiring, z, n, ext[k], k * h, acts, signals, u, y, rate, extra)
+        _rate(rows, wiring, z, n, ext[k], k * h, acts, signals, u, y, rate, extra, past, now)
         found[k] = y[measured]
         signal[k, :nx] = z[:nx]
         signal[k, nx : nx + nu] = u
@@ -214,13 +233,15 @@ def _sensitive(rows, wiring, z, n, ext, held, h, sub, acts, signals, delta, nu, 
     count, nz = len(ext), len(z)
     found = np.zeros((count, len(measured), nz))
     along, eye = np.eye(nz), np.eye(nz)
+    past, now = _no_past(acts)
     before = np.zeros((nz, nz))
     for k in range(count):
         if k > 0:
             e0 = ext[k - 1]
             z = _step(
-                rows, wiring, z, n, e0, np.where(held, e0, ext[k]), (k - 1) * h, h, acts, signals, u, y, sub
-            )
+                rows, wiring, z, n, e0, np.where(held, e0, ext[k]), (k - 1) * h, h, acts, signals, u, y, sub,
+                past, now,
+            )  # fmt: skip
         if not np.all(np.isfinite(z)):
             break
         a, c, _ = _jacobians(rows, wiring, z, n, ext[k], k * h, acts, signals, u, y, delta, measured, 1e-7)
@@ -242,8 +263,9 @@ def _signals(rows, wiring, path, n, ext, h, acts, signals, nu, ny):
     count, nx = len(path), n[0]
     rate, extra = np.zeros(nx), np.zeros(n[1])
     found = np.zeros((count, nx + nu + ny))
+    past, now = _no_past(acts)
     for k in range(count):
-        _rate(rows, wiring, path[k].copy(), n, ext[k], k * h, acts, signals, u, y, rate, extra)
+        _rate(rows, wiring, path[k].copy(), n, ext[k], k * h, acts, signals, u, y, rate, extra, past, now)
         found[k, :nx] = path[k, :nx]
         found[k, nx : nx + nu] = u
         found[k, nx + nu :] = y

@@ -29,7 +29,7 @@ def _lag(t, s, n, z, out):
 
 
 def _delay(t, s, n, z, out):
-    # Pade of order 2; at rest the first state is the signal.
+    # For filters: Pade of order 2; at rest the first state is the signal.
     time = max(abs(n[0]), 0.35 * s[2])
     out[0] = -time * z[1]
     out[1] = z[1]
@@ -123,7 +123,8 @@ LAWS = [
         (1, 3),
         linear=False,
         settled=(0,),
-        modelica="y = -time_*z2; der(z1) = z2; der(z2) = 12/time_^2*(u - z1) - 6/time_*z2;",
+        modelica="y = delay(u, time_) - u;",
+        delay=True,
         sentence="A transport or computing delay.",
     ),
     Law(

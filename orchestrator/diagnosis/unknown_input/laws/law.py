@@ -102,6 +102,8 @@ class Law:
             listed in the study, so that a gain or an offset elsewhere is less likely.
         late: whether it is tried only where the other laws leave more than the noise. It then has to halve
             what they leave.
+        delay: whether it delays the signal by its first number. Simulations look the signal up in the past;
+            `code` is what a filter takes instead.
     """
 
     name: str
@@ -119,6 +121,7 @@ class Law:
     second: str = ""
     settled: tuple[int, ...] = ()
     late: bool = False
+    delay: bool = False
 
     @cached_property
     def compiled(self) -> Any:
