@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 from collections.abc import Callable
@@ -99,16 +100,27 @@ def logged(
     gain: Callable[[float], float] = lambda t: 1.0,
     push: Callable[[float], float] = lambda t: 0.0,
     seconds: float = 8.0,
+    late: float | None = None,
 ) -> Path:
-    """Write three runs in which `hidden(position, velocity)` [N] acts on the mass."""
+    """Write three runs in which `hidden(position, velocity)` [N] acts on the mass.
+
+    Args:
+        late: delay [s] of a force that jumps four times a second.
+    """
     random = np.random.default_rng(4)
     for name in "abc":
         time = np.arange(0.0, seconds, 0.01)
         tones, phases = random.uniform(0.5, 8.0, 6), random.uniform(0.0, 6.3, 6)
         force = 6.0 * np.sin(np.outer(time, tones) + phases).sum(axis=1) / 3.0
+        if late is not None:
+            force = force[np.arange(len(time)) // 25 * 25]
 
         def rate(t: float, x: list[float], time=time, force=force) -> list[float]:
-            f = gain(t) * float(np.interp(t, time, force)) - 80.0 * x[0] - 2.0 * x[1] + hidden(x[0], x[1])
+            if late is None:
+                driven = float(np.interp(t, time, force))
+            else:
+                driven = float(force[max(0, math.floor((t - late) / 0.01 + 1e-9))])
+            f = gain(t) * driven - 80.0 * x[0] - 2.0 * x[1] + hidden(x[0], x[1])
             f += push(t)
             return [x[1], f / 2.0]
 
@@ -130,6 +142,22 @@ def test_the_true_place_wins(fmus: Path) -> None:
     assert not any("position" in one.place.name for one in places[:4])
     assert places[0].gain > places[-1].gain + 100.0
     assert places[0].gain > 1000.0
+
+
+def test_a_delay_of_a_force_that_jumps_is_exact(fmus: Path) -> None:
+    """A delay of 2.37 samples, which a lag or a rational approximation of the delay does not explain."""
+    path = logged(fmus, lambda x, v: 0.0, late=0.0237)
+    held = path.read_text(encoding="utf-8").replace("column: f, unit: N}", "column: f, unit: N, hold: true}")
+    path = path.with_name("held.yaml")
+    path.write_text(held, encoding="utf-8")
+    study = load_port_study(path)
+    found = answer(study)
+    assert found.fitted is not None and found.verdict == "law"
+    assert [one.name for one in found.fitted.laws] == ["delay at mass.force of mass.force"]
+    assert abs(found.fitted.numbers[0]) == pytest.approx(0.0237, rel=2e-3)
+    assert found.remains < 1.1
+    assert write_corrected(study, found, fmus) == []
+    assert (fmus / "law_1.fmu").is_file()
 
 
 def test_dry_friction_is_read_with_its_level(fmus: Path) -> None:
