@@ -15,8 +15,9 @@ from ..base.provenance import origin, versions
 from ..results.file_formats import strict
 from .families import families_of
 from .finding import Finding
+from .mistakes import Warned
 from .study import Nominal
-from .verdict import Diagnosis, Family, Runnable, Share, Verdict, Warned, Which, problems_of
+from .verdict import Diagnosis, Family, Runnable, Share, Verdict, Which, problems_of
 
 __all__ = ["AnalysisResults", "content", "named_files", "provenance"]
 

@@ -17,8 +17,9 @@ from .checks import check_logs
 from .content import AnalysisResults, content, named_files, provenance
 from .diagnosed import Diagnosed
 from .finding import Finding
+from .mistakes import Warned
 from .study import Role, Study, case_file, load_study
-from .verdict import AUGMENTED, EXPORTABLE, NAME, PAGE, Diagnosis, Runnable, Warned
+from .verdict import AUGMENTED, EXPORTABLE, NAME, PAGE, Diagnosis, Runnable
 
 __all__ = ["STAGES", "diagnose"]
 

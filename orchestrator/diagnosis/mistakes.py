@@ -1,4 +1,4 @@
-"""Single mistakes that explain a wrong log: signs and units. Each is reported once for all runs."""
+"""What is wrong with a log, or worth a warning: single mistakes, as of signs and units, once for all runs."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from collections.abc import Iterable, Iterator, Sized
 from dataclasses import dataclass, replace
 from itertools import permutations
 
+from pydantic import BaseModel, ConfigDict
+
 from ..base.errors import Problem
 from ..base.units import UnitError, convert, parse_unit
 
-__all__ = ["Mistake", "merged_problems", "plural", "wrong_factors", "wrong_scales"]
+__all__ = ["Mistake", "Warned", "merged_problems", "plural", "wrong_factors", "wrong_scales"]
 
 # What the unit of a column is taken for, by mistake, and the factor that this makes.
 _FACTORS = {
@@ -40,6 +42,16 @@ _PAIRS = {
 
 # Scales of temperature, which differ by more than a factor.
 _SCALES = ("K", "degC", "degF")
+
+
+class Warned(BaseModel):
+    """Something about the logs that a reader should know."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    place: str
+    what: str
+    remedy: str = ""
 
 
 @dataclass(frozen=True)

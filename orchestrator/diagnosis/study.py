@@ -10,17 +10,16 @@ from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.errors import ConfigError, Problem, listed, nearest
 from ..base.quantities import Measure, quantity
 from ..base.units import UnitError, convert, parse_unit
 from ..config import Places, parse
 from .mapping import Column, columns_of, read_mapping
+from .ports.study import Array, Nominal
 
-__all__ = ["UNITS", "Nominal", "Role", "Run", "Study", "case_file", "load_study"]
+__all__ = ["UNITS", "Array", "Nominal", "Role", "Run", "Study", "case_file", "load_study"]
 
-Array = NDArray[np.float64]
 _Path = tuple[str | int, ...]
 
 _FORMATS = ("gap-case/1", "gap-study/1")
@@ -66,14 +65,6 @@ class Role(Enum):
     TRAIN = "train"
     HELDOUT = "heldout"
     REPEAT = "repeat"
-
-
-@dataclass(frozen=True)
-class Nominal:
-    """A number of the rig and the standard deviation of its calibration, SI."""
-
-    value: float
-    tolerance: float
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from ..base.errors import ConfigError, Problem
 from ..results.file_formats import strict
+from .mistakes import Warned
 
 __all__ = [
     "AUGMENTED",
@@ -29,7 +30,6 @@ __all__ = [
     "Runnable",
     "Share",
     "Verdict",
-    "Warned",
     "Which",
     "chance_outside",
     "problems_of",
@@ -175,14 +175,6 @@ class LedgerRow(_Part):
     phase: str
     band: str
     share: Number
-
-
-class Warned(_Part):
-    """Something about the logs that a reader should know."""
-
-    place: str
-    what: str
-    remedy: str = ""
 
 
 class Runnable(_Part):

@@ -11,10 +11,9 @@ from scipy.signal import correlate
 
 from ...base.errors import Problem
 from ...system.connection import Port
-from ..study import Array
-from ..verdict import Warned
+from ..mistakes import Warned
 from .replay import Replay
-from .study import PortRun, PortStudy
+from .study import Array, PortRun, PortStudy
 
 __all__ = ["wrong_clocks"]
 

@@ -11,13 +11,11 @@ import numpy as np
 from ...base.errors import Problem, SimulationEnded, StepError
 from ...system.connection import Port
 from ..channels import clipped, frozen
-from ..mistakes import Mistake, merged_problems, plural, wrong_factors, wrong_scales
-from ..study import Array
-from ..verdict import Warned
+from ..mistakes import Mistake, Warned, merged_problems, plural, wrong_factors, wrong_scales
 from .clocks import wrong_clocks
 from .repeats import unlike
 from .replay import Replay, with_steps
-from .study import PortRun, PortStudy, Role
+from .study import Array, PortRun, PortStudy, Role
 from .tolerances import wide
 
 __all__ = ["check_logs"]

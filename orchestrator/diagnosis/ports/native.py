@@ -15,10 +15,9 @@ from ...base.temporary_folders import scratch_folder
 from ...fmi import CompiledFmu, load_fmu
 from ...fmi.workers import Work, pool_of
 from ...translate.inserted import memory_told, own_source
-from ..study import Array
-from ..verdict import Warned
+from ..mistakes import Warned
 from .replay import Replay
-from .study import PortStudy
+from .study import Array, PortStudy
 
 __all__ = ["in_native_form"]
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...effects import Effect
 from ...effects.base import Array, Numbers
-from ..study import Array as Samples
+from .study import Array as Samples
 
 __all__ = ["Playback"]
 

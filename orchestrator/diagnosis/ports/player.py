@@ -25,9 +25,9 @@ from ...system.connection import Connection, Leg, Link, Port, Wire
 from ...system.instance_pool import InstancePool
 from ...system.signal_vector import Layout, Signals, Wired
 from ...system.system import Instance, System
-from ..study import Array
 from .idle import without_idle
 from .playback import Playback
+from .study import Array
 
 __all__ = ["Inserted", "Player", "between"]
 

@@ -17,11 +17,10 @@ from ...simulation.run import Prepared, prepare
 from ...system.checks import in_range
 from ...system.connection import Port
 from ..mapping import read_mapping
-from ..study import Nominal
 from .keys import UNUSED, CalibratedModel, Logged, Role, StudyModel
 from .runs import Columns, read_runs
 from .sheet import Sheet
-from .study import PortRun, PortStudy, study_file
+from .study import Nominal, PortRun, PortStudy, study_file
 
 __all__ = ["load_port_study"]
 

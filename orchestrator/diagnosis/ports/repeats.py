@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...system.connection import Port
-from ..study import Array
-from .study import PortRun, PortStudy
+from .study import Array, PortRun, PortStudy
 
 __all__ = ["unlike"]
 

@@ -10,9 +10,8 @@ from ...base.errors import ConfigError, StepError
 from ...fmi import Value
 from ...simulation.run import prepare
 from ...system.connection import Port
-from ..study import Array
 from .player import Player
-from .study import PortRun, PortStudy
+from .study import Array, PortRun, PortStudy
 
 __all__ = ["Replay", "player_of", "with_steps"]
 

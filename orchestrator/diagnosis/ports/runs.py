@@ -15,10 +15,9 @@ from ..channels import logged_twice
 from ..log_checks import clock_of_stamps, clock_slack
 from ..mapping import columns_of
 from ..mistakes import plural
-from ..study import Array
 from .keys import Logged, Role, RunModel
 from .sheet import Sheet
-from .study import PortRun
+from .study import Array, PortRun
 
 __all__ = ["Columns", "read_runs"]
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...base.errors import ConfigError
 from ...config import Places
@@ -14,10 +15,30 @@ from ...config.text import compose
 from ...fmi import Causality, CompiledFmu
 from ...simulation.run import Prepared
 from ...system.connection import Port
-from ..study import Array, Nominal
 from .keys import FORMAT, Logged, Role
 
-__all__ = ["FORMAT", "Logged", "PortRun", "PortStudy", "Role", "is_port_study", "study_file"]
+__all__ = [
+    "FORMAT",
+    "Array",
+    "Logged",
+    "Nominal",
+    "PortRun",
+    "PortStudy",
+    "Role",
+    "is_port_study",
+    "study_file",
+]
+
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """A calibrated number and the standard deviation of its calibration."""
+
+    value: float
+    tolerance: float
 
 
 @dataclass(frozen=True)

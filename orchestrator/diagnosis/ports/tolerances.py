@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...system.connection import Port
-from ..verdict import Warned
+from ..mistakes import Warned
 from .study import PortStudy
 
 __all__ = ["wide"]
