@@ -67,7 +67,7 @@ _RETURNED = (
     "orchestrator.frequency.chart:Chart",
     "orchestrator.frequency.describing:LimitCycle",
     "orchestrator.translate.build_report:BuildReport",
-    "orchestrator.diagnosis.diagnosed:Diagnosed",
+    "orchestrator.diagnosis.rig.diagnosed:Diagnosed",
     "orchestrator.diagnosis.unknown_input.diagnose:DiagnosedSystem",
     "orchestrator.report.system_view:InstanceView",
     "orchestrator.report.system_view:ParameterView",

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from .base.errors import ConfigError, FmuError, OrchestratorError, StepError
     from .campaign.sweep import Swept
-    from .diagnosis.diagnosed import Diagnosed
+    from .diagnosis.rig.diagnosed import Diagnosed
     from .diagnosis.unknown_input.diagnose import DiagnosedSystem
     from .frequency.from_system import Linearised
     from .report.system_view import System
@@ -252,8 +252,8 @@ def diagnose(study: Path | str, out: Path | str | None = None) -> Diagnosed | Di
     with extras_named():
         from pathlib import Path
 
-        from .diagnosis.diagnose import diagnose as diagnose_study
-        from .diagnosis.ports.study import is_port_study
+        from .diagnosis.rig.diagnose import diagnose as diagnose_study
+        from .diagnosis.study.study import is_port_study
         from .diagnosis.unknown_input.diagnose import diagnose_system
 
         return (diagnose_system if is_port_study(Path(study)) else diagnose_study)(study, out)

@@ -176,8 +176,8 @@ def _seed(text: str) -> int | None:
 
 
 def _make(args: argparse.Namespace) -> int:
-    from ..diagnosis.challenge.make import Order, make
-    from ..diagnosis.challenge.seal import SEALED
+    from ..diagnosis.rig.challenge.make import Order, make
+    from ..diagnosis.rig.challenge.seal import SEALED
 
     order = Order(args.cases, _seed(args.seed), args.magnitude, args.pairs, args.outside, args.tight)
     with _bar(order.cases, "make", not args.json) as progress:
@@ -196,7 +196,7 @@ def _make(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from ..diagnosis.challenge.run import OURS, diagnose_all
+    from ..diagnosis.rig.challenge.run import OURS, diagnose_all
 
     folder, verdicts = Path(args.folder), Path(args.verdicts)
     with _bar(len(list(folder.glob("*/case.yaml"))), "diagnose", not args.json) as progress:
@@ -212,7 +212,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _score(args: argparse.Namespace) -> int:
-    from ..diagnosis.challenge.score import score, score_text, write_score
+    from ..diagnosis.rig.challenge.score import score, score_text, write_score
 
     out = Path(args.verdicts)
     found = score(Path(args.folder), out)

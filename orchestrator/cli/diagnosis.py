@@ -58,7 +58,7 @@ def main(args: argparse.Namespace) -> int:
         remedy += "`orchestrator diagnose STUDY` searches laws, and needs neither a list nor practice."
         raise ConfigError([Problem(one, what, remedy=remedy) for one in gone])
     # Imported after the command is known to make sense: machine code takes a second to load.
-    from ..diagnosis.diagnose import STAGES
+    from ..diagnosis.rig.diagnose import STAGES
 
     refused = failed = 0
     bar = _Bar(len(args.cases) * len(STAGES), shown=not args.quiet)
@@ -98,15 +98,15 @@ def main(args: argparse.Namespace) -> int:
 
 def _diagnosed(args: argparse.Namespace, case: Path, folder: Path | None, bar: _Bar) -> tuple[Any, str]:
     """Diagnose one case. Returns: the content of diagnosis.json, and what a terminal shows."""
-    from ..diagnosis.ports.study import is_port_study
+    from ..diagnosis.study.study import is_port_study
 
     if is_port_study(case):
         from ..diagnosis.unknown_input.diagnose import diagnose_system
 
         found = diagnose_system(case, folder, report=not args.no_report, progress=bar.stage)
         return found.data, str(found)
-    from ..diagnosis.diagnose import diagnose
-    from ..diagnosis.report_text import text
+    from ..diagnosis.rig.diagnose import diagnose
+    from ..diagnosis.rig.report_text import text
 
     made = diagnose(case, folder, report=not args.no_report, progress=bar.stage)
     return made.diagnosis.data_of(), text(made)

@@ -19,7 +19,7 @@ pytest.importorskip("numba")
 # Force of a sloshing mass on a body that moves; a callee in another file makes it.
 SLOSH = """
 import ctypes
-from orchestrator.diagnosis.effects.dynamics_slosh import _law as law
+from orchestrator.diagnosis.rig.effects.dynamics_slosh import _law as law
 """
 OWN = """
 import ctypes
@@ -35,7 +35,7 @@ EFFECT = """
 import own_constants
 from numba import njit
 from numpy import array, float64
-from orchestrator.diagnosis.effect import law
+from orchestrator.diagnosis.rig.effect import law
 from own_callee import drag
 from own_constants import SCALE
 
@@ -93,7 +93,7 @@ def kept_files(folder: Path, function: str) -> list[str]:
 
 
 def test_a_callee_in_another_file_is_compiled_anew(copy):
-    effects = copy / "orchestrator" / "diagnosis" / "effects"
+    effects = copy / "orchestrator" / "diagnosis" / "rig" / "effects"
     first, hits = ran(SLOSH + CALL, copy)
     assert hits == 0
     assert ran(SLOSH + CALL, copy) == (first, 1)
@@ -102,7 +102,7 @@ def test_a_callee_in_another_file_is_compiled_anew(copy):
     assert hits == 0 and abs(second - first) > 0.1
 
     # The same with a constant of another file; and back, to what is still there.
-    effect = copy / "orchestrator" / "diagnosis" / "effect.py"
+    effect = copy / "orchestrator" / "diagnosis" / "rig" / "effect.py"
     usual = "    VELOCITY = 1\n    ACCELERATION = 2\n    COMMAND"
     other = "    ACCELERATION = 1\n    VELOCITY = 2\n    COMMAND"
     edit(effect, usual, other)
@@ -112,7 +112,7 @@ def test_a_callee_in_another_file_is_compiled_anew(copy):
 
 
 def test_machine_code_of_older_sources_goes(copy):
-    folder = copy / "orchestrator" / "diagnosis" / "effects"
+    folder = copy / "orchestrator" / "diagnosis" / "rig" / "effects"
     (folder / "__pycache__").mkdir()
     # Kept before the names of files told of all sources, and of another function and another Python.
     python = "".join(map(str, sys.version_info[:2]))
@@ -188,7 +188,7 @@ def test_kept_code_is_seen_while_the_sources_stay(copy):
 import sys
 from orchestrator.base.compiled_functions import is_kept
 from pathlib import Path
-source = Path("orchestrator/diagnosis/effects/dynamics_slosh.py").resolve()
+source = Path("orchestrator/diagnosis/rig/effects/dynamics_slosh.py").resolve()
 print(int(is_kept(source, "_law")), int("numba" in sys.modules))
 """
     assert ran(look, copy) == (0, 0)
@@ -205,9 +205,9 @@ print(int(is_kept(source, "_law")), int("numba" in sys.modules))
 def test_numba_keeps_what_is_of_others_as_before():
     from numba.core import config
 
-    import orchestrator.diagnosis.effects._oscillator
+    import orchestrator.diagnosis.rig.effects._oscillator
 
-    assert orchestrator.diagnosis.effects._oscillator.body_force.stats.cache_path
+    assert orchestrator.diagnosis.rig.effects._oscillator.body_force.stats.cache_path
     assert "orchestrator" not in config.CACHE_LOCATOR_CLASSES
 
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.diagnosis.ports.reader import load_port_study
+from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.unknown_input.search import Answer, answer
 
 __all__ = ["CASES", "Case", "built", "logged", "right"]

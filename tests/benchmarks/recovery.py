@@ -14,15 +14,15 @@ from collections.abc import Sequence
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from orchestrator.diagnosis.answers import REPLAYS
-from orchestrator.diagnosis.catalogue import catalogue, of_hardware
-from orchestrator.diagnosis.challenge import draw, hidden
-from orchestrator.diagnosis.challenge.rig_parameters import CALIBRATED
-from orchestrator.diagnosis.fit import Fitter
-from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.search import roughness
-from orchestrator.diagnosis.simulated_cases import logged, observed
-from orchestrator.diagnosis.study import Role, Study
+from orchestrator.diagnosis.rig.answers import REPLAYS
+from orchestrator.diagnosis.rig.catalogue import catalogue, of_hardware
+from orchestrator.diagnosis.rig.challenge import draw, hidden
+from orchestrator.diagnosis.rig.challenge.rig_parameters import CALIBRATED
+from orchestrator.diagnosis.rig.fit import Fitter
+from orchestrator.diagnosis.rig.model import RigModel
+from orchestrator.diagnosis.rig.search import roughness
+from orchestrator.diagnosis.rig.simulated_cases import logged, observed
+from orchestrator.diagnosis.rig.study import Role, Study
 
 
 def fitter_of(study: Study, place: str) -> Fitter:

@@ -21,16 +21,16 @@ import numpy as np
 from scipy.stats import binomtest
 from threadpoolctl import threadpool_limits
 
-from orchestrator.diagnosis.catalogue import catalogue
-from orchestrator.diagnosis.challenge import draw, hidden
-from orchestrator.diagnosis.challenge.hidden import between
-from orchestrator.diagnosis.experiments import _tied, next_experiment
-from orchestrator.diagnosis.fit import Fitter
-from orchestrator.diagnosis.menu import menu
-from orchestrator.diagnosis.predicted_runs import Chain, Trial
-from orchestrator.diagnosis.simulated_cases import logged, observed
-from orchestrator.diagnosis.study import Role, Study
-from orchestrator.diagnosis.weigh import weigh
+from orchestrator.diagnosis.rig.catalogue import catalogue
+from orchestrator.diagnosis.rig.challenge import draw, hidden
+from orchestrator.diagnosis.rig.challenge.hidden import between
+from orchestrator.diagnosis.rig.experiments import _tied, next_experiment
+from orchestrator.diagnosis.rig.fit import Fitter
+from orchestrator.diagnosis.rig.menu import menu
+from orchestrator.diagnosis.rig.predicted_runs import Chain, Trial
+from orchestrator.diagnosis.rig.simulated_cases import logged, observed
+from orchestrator.diagnosis.rig.study import Role, Study
+from orchestrator.diagnosis.rig.weigh import weigh
 from tests.diagnosis.labs import Noisy
 
 _ALIKE = (

@@ -14,8 +14,8 @@ import tempfile
 from pathlib import Path
 
 from orchestrator.base.errors import OrchestratorError
-from orchestrator.diagnosis.ports.reader import load_port_study
-from orchestrator.diagnosis.ports.study import is_port_study
+from orchestrator.diagnosis.study.reader import load_port_study
+from orchestrator.diagnosis.study.study import is_port_study
 from orchestrator.diagnosis.unknown_input.search import Answer, answer
 
 

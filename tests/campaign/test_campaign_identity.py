@@ -158,7 +158,7 @@ def sources(monkeypatch):
         ("master/jacobi.py", True),
         ("campaign/derived.py", True),
         ("campaign/execute.py", True),
-        ("diagnosis/verdict.py", False),
+        ("diagnosis/rig/verdict.py", False),
         ("campaign/database.py", False),
     ],
 )
@@ -169,7 +169,7 @@ def test_the_product_is_known_by_what_computes(sources, place, counts):
 def test_effects_of_the_product_are_counted_once_and_others_of_its_modules_by_themselves():
     own = through("gain", factor=2.0)
     assert products.effect_sources(prepare(own[0]).system) == []
-    played = through("orchestrator.diagnosis.ports.playback:Playback")
+    played = through("orchestrator.diagnosis.study.playback:Playback")
     assert len(products.effect_sources(prepare(played[0]).system)) == 1
 
 

@@ -6,14 +6,14 @@ from functools import cache
 
 import numpy as np
 
-from orchestrator.diagnosis.challenge.contact import contact_force
-from orchestrator.diagnosis.challenge.draw import NOISE, RUNS, Plan, draw_case, make_run
-from orchestrator.diagnosis.challenge.draw import TICKS as RUN_TICKS
-from orchestrator.diagnosis.challenge.plant import fresh, integrate
-from orchestrator.diagnosis.challenge.rig import COLUMNS, drive
-from orchestrator.diagnosis.challenge.rig_parameters import rig_parameters
-from orchestrator.diagnosis.challenge.series import draw_series
-from orchestrator.diagnosis.challenge.software import (
+from orchestrator.diagnosis.rig.challenge.contact import contact_force
+from orchestrator.diagnosis.rig.challenge.draw import NOISE, RUNS, Plan, draw_case, make_run
+from orchestrator.diagnosis.rig.challenge.draw import TICKS as RUN_TICKS
+from orchestrator.diagnosis.rig.challenge.plant import fresh, integrate
+from orchestrator.diagnosis.rig.challenge.rig import COLUMNS, drive
+from orchestrator.diagnosis.rig.challenge.rig_parameters import rig_parameters
+from orchestrator.diagnosis.rig.challenge.series import draw_series
+from orchestrator.diagnosis.rig.challenge.software import (
     compensate,
     first_controller,
     first_satellite,

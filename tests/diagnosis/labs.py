@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from orchestrator.diagnosis.catalogue import catalogue
-from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
-from orchestrator.diagnosis.rig import CHANNELS, Inject
-from orchestrator.diagnosis.study import Role, Study
+from orchestrator.diagnosis.rig.catalogue import catalogue
+from orchestrator.diagnosis.rig.finding import Augmented, Candidate, Finding
+from orchestrator.diagnosis.rig.rig import CHANNELS, Inject
+from orchestrator.diagnosis.rig.study import Role, Study
 from tests.diagnosis.rigs import NOMINAL, TICK, own_run
 
 _RUNS = (

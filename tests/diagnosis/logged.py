@@ -9,8 +9,8 @@ import numpy as np
 import yaml
 from rigs import NOMINAL, TICK, own_run
 
-from orchestrator.diagnosis.rig import Inject
-from orchestrator.diagnosis.study import UNITS, Role, Study
+from orchestrator.diagnosis.rig.rig import Inject
+from orchestrator.diagnosis.rig.study import UNITS, Role, Study
 
 RUNS = (
     ("train-1", Role.TRAIN, 279.07, 0.02),

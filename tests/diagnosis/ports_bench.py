@@ -12,10 +12,10 @@ import yaml
 
 from orchestrator.base.errors import Problem
 from orchestrator.config import load_config
-from orchestrator.diagnosis.mistakes import Warned
-from orchestrator.diagnosis.ports.given import check_logs
-from orchestrator.diagnosis.ports.replay import Replay
-from orchestrator.diagnosis.ports.study import PortRun, PortStudy
+from orchestrator.diagnosis.study.checks import check_logs
+from orchestrator.diagnosis.study.mistakes import Warned
+from orchestrator.diagnosis.study.replay import Replay
+from orchestrator.diagnosis.study.study import PortRun, PortStudy
 from orchestrator.simulation.run import run
 from orchestrator.system.system import Port
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.rig import CHANNELS
-from orchestrator.diagnosis.study import Nominal, Role, Run, Study
+from orchestrator.diagnosis.rig.model import RigModel
+from orchestrator.diagnosis.rig.rig import CHANNELS
+from orchestrator.diagnosis.rig.study import Nominal, Role, Run, Study
 
 NOMINAL = {
     "contact_stiffness": Nominal(176000.0, 2640.0),

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from rigs import study as own_study
 
-from orchestrator.diagnosis.augmented import augmented_config
-from orchestrator.diagnosis.catalogue import catalogue
-from orchestrator.diagnosis.config_changes import SEED
-from orchestrator.diagnosis.effect import Context, Effect, Site, law
-from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
-from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.rig.augmented import augmented_config
+from orchestrator.diagnosis.rig.catalogue import catalogue
+from orchestrator.diagnosis.rig.config_changes import SEED
+from orchestrator.diagnosis.rig.effect import Context, Effect, Site, law
+from orchestrator.diagnosis.rig.finding import Augmented, Candidate, Finding
+from orchestrator.diagnosis.rig.model import RigModel
 from orchestrator.effects.draws import normal, uniform
 from orchestrator.simulation.run import run
 

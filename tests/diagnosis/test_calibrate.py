@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from orchestrator.base.errors import OrchestratorError
-from orchestrator.diagnosis import calibrate
-from orchestrator.diagnosis.answers import Answer, complete
-from orchestrator.diagnosis.calibrate import _outcomes, _written, main
-from orchestrator.diagnosis.calibration import FILE, Calibration, calibration
-from orchestrator.diagnosis.challenge.draw import SHARES
-from orchestrator.diagnosis.learning import WeighedCase, learn_leaves, learn_unseen
+from orchestrator.diagnosis.rig import calibrate
+from orchestrator.diagnosis.rig.answers import Answer, complete
+from orchestrator.diagnosis.rig.calibrate import _outcomes, _written, main
+from orchestrator.diagnosis.rig.calibration import FILE, Calibration, calibration
+from orchestrator.diagnosis.rig.challenge.draw import SHARES
+from orchestrator.diagnosis.rig.learning import WeighedCase, learn_leaves, learn_unseen
 from orchestrator.fmi.workers import Work, pool_of
 
 
@@ -118,7 +118,7 @@ def test_the_calibration_is_learned_by_its_command(tmp_path):
         "--out",
         str(out),
     ]
-    command = [sys.executable, "-m", "orchestrator.diagnosis.calibrate", *options]
+    command = [sys.executable, "-m", "orchestrator.diagnosis.rig.calibrate", *options]
     subprocess.run(command, check=True, capture_output=True)
     made = json.loads(out.read_text())
     assert made["format"] == "weigh/16" and made["provenance"]["seed"] == 5

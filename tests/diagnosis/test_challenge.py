@@ -16,11 +16,11 @@ import yaml
 import orchestrator.diagnosis
 from orchestrator.base.errors import ConfigError
 from orchestrator.cli.main import main
-from orchestrator.diagnosis.challenge.make import Order, make
-from orchestrator.diagnosis.challenge.score import Marked, figures, score
-from orchestrator.diagnosis.challenge.seal import LEDGER, SEALED, open_truth, truth_digest
-from orchestrator.diagnosis.challenge.verdict import Answer, Verdict, answer_set, names
-from orchestrator.diagnosis.study import Role, load_study
+from orchestrator.diagnosis.rig.challenge.make import Order, make
+from orchestrator.diagnosis.rig.challenge.score import Marked, figures, score
+from orchestrator.diagnosis.rig.challenge.seal import LEDGER, SEALED, open_truth, truth_digest
+from orchestrator.diagnosis.rig.challenge.verdict import Answer, Verdict, answer_set, names
+from orchestrator.diagnosis.rig.study import Role, load_study
 
 DIAGNOSIS = Path(orchestrator.diagnosis.__file__).parent
 GAP = Path(__file__).parents[3] / "shared" / "gap"
@@ -144,12 +144,12 @@ def test_nothing_that_diagnoses_reaches_the_truth_or_the_kinds_outside():
             for module in users:
                 if module in named and (path.parent.name == "challenge" or "challenge" in named):
                     users[module].add(path.relative_to(DIAGNOSIS).as_posix())
-    own = {f"challenge/{name}.py" for name in ("make", "score")}
+    own = {f"rig/challenge/{name}.py" for name in ("make", "score")}
     assert users["seal"] == own
     # The known kinds teach what evidence is worth; the fresh ones are kept for blind checks.
-    assert users["outside_fresh"] == {"challenge/make.py"}
-    assert users["outside"] == {"challenge/make.py", "calibrate.py"}
-    assert all(users[name] == {"challenge/outside.py"} for name in parts)
+    assert users["outside_fresh"] == {"rig/challenge/make.py"}
+    assert users["outside"] == {"rig/challenge/make.py", "rig/calibrate.py"}
+    assert all(users[name] == {"rig/challenge/outside.py"} for name in parts)
     for path in DIAGNOSIS.rglob("*.py"):
         if path.parent.name != "challenge":
             text = path.read_text(encoding="utf-8")
@@ -499,6 +499,6 @@ def test_a_challenge_that_cannot_be_made_or_is_interrupted_says_where(tmp_path, 
     folder = tmp_path / "file" / "q"
     assert main(["challenge", "make", str(folder), "--cases", "1", "--seed", "2"]) == 2
     assert f"cannot make the folder {folder} (" in capsys.readouterr().err
-    monkeypatch.setattr("orchestrator.diagnosis.challenge.make.make", interrupted)
+    monkeypatch.setattr("orchestrator.diagnosis.rig.challenge.make.make", interrupted)
     assert main(["challenge", "make", str(tmp_path / "q"), "--cases", "1", "--seed", "2"]) == 130
     assert f"cases made until then are in {tmp_path / 'q'}" in capsys.readouterr().err

@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.challenge.hidden import HIDDEN
-from orchestrator.diagnosis.challenge.outside_fresh import FRESH
-from orchestrator.diagnosis.challenge.rig_parameters import rig_parameters
-from orchestrator.diagnosis.challenge.software import (
+from orchestrator.diagnosis.rig.challenge.hidden import HIDDEN
+from orchestrator.diagnosis.rig.challenge.outside_fresh import FRESH
+from orchestrator.diagnosis.rig.challenge.rig_parameters import rig_parameters
+from orchestrator.diagnosis.rig.challenge.software import (
     compensate,
     first_controller,
     first_satellite,

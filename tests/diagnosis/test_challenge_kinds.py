@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.challenge.draw import RUNS, Plan, draw_case, make_run, run_series
-from orchestrator.diagnosis.challenge.rig import COLUMNS, drive
-from orchestrator.diagnosis.challenge.rig_parameters import rig_parameters
-from orchestrator.diagnosis.challenge.series import HISTORY, draw_series
-from orchestrator.diagnosis.challenge.software import (
+from orchestrator.diagnosis.rig.challenge.draw import RUNS, Plan, draw_case, make_run, run_series
+from orchestrator.diagnosis.rig.challenge.rig import COLUMNS, drive
+from orchestrator.diagnosis.rig.challenge.rig_parameters import rig_parameters
+from orchestrator.diagnosis.rig.challenge.series import HISTORY, draw_series
+from orchestrator.diagnosis.rig.challenge.software import (
     compensate,
     first_controller,
     first_satellite,

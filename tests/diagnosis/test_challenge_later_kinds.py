@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.challenge.rig_parameters import rig_parameters
-from orchestrator.diagnosis.challenge.series import HISTORY
-from orchestrator.diagnosis.challenge.software import (
+from orchestrator.diagnosis.rig.challenge.rig_parameters import rig_parameters
+from orchestrator.diagnosis.rig.challenge.series import HISTORY
+from orchestrator.diagnosis.rig.challenge.software import (
     compensate,
     first_controller,
     first_satellite,

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from orchestrator.cli.main import main
-from orchestrator.diagnosis.challenge import make
-from orchestrator.diagnosis.challenge.draw import NOISE, RUNS, Plan, draw_case, make_run, run_series
-from orchestrator.diagnosis.challenge.evidence import visibility
-from orchestrator.diagnosis.challenge.hidden import HIDDEN
-from orchestrator.diagnosis.challenge.outside import OUTSIDE
-from orchestrator.diagnosis.challenge.outside_fresh import FRESH
-from orchestrator.diagnosis.challenge.rig import TICK, drive
-from orchestrator.diagnosis.challenge.rig_parameters import rig_parameters
-from orchestrator.diagnosis.challenge.series import HISTORY, draw_series
-from orchestrator.diagnosis.challenge.software import first_satellite, move_satellite
+from orchestrator.diagnosis.rig.challenge import make
+from orchestrator.diagnosis.rig.challenge.draw import NOISE, RUNS, Plan, draw_case, make_run, run_series
+from orchestrator.diagnosis.rig.challenge.evidence import visibility
+from orchestrator.diagnosis.rig.challenge.hidden import HIDDEN
+from orchestrator.diagnosis.rig.challenge.outside import OUTSIDE
+from orchestrator.diagnosis.rig.challenge.outside_fresh import FRESH
+from orchestrator.diagnosis.rig.challenge.rig import TICK, drive
+from orchestrator.diagnosis.rig.challenge.rig_parameters import rig_parameters
+from orchestrator.diagnosis.rig.challenge.series import HISTORY, draw_series
+from orchestrator.diagnosis.rig.challenge.software import first_satellite, move_satellite
 
 each = pytest.mark.parametrize("effect", {**OUTSIDE, **FRESH}.values(), ids=lambda one: one.id)
 

@@ -9,9 +9,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.catalogue import catalogue
-from orchestrator.diagnosis.challenge import evidence
-from orchestrator.diagnosis.challenge.draw import (
+from orchestrator.diagnosis.rig.catalogue import catalogue
+from orchestrator.diagnosis.rig.challenge import evidence
+from orchestrator.diagnosis.rig.challenge.draw import (
     NOISE,
     RUNS,
     Plan,
@@ -21,15 +21,15 @@ from orchestrator.diagnosis.challenge.draw import (
     run_series,
     tolerances,
 )
-from orchestrator.diagnosis.challenge.evidence import imitated, visibility
-from orchestrator.diagnosis.challenge.hidden import HIDDEN, TIED, Hidden
-from orchestrator.diagnosis.challenge.outside import OUTSIDE
-from orchestrator.diagnosis.challenge.outside_fresh import FRESH
-from orchestrator.diagnosis.challenge.rig import drive
-from orchestrator.diagnosis.challenge.rig_parameters import CALIBRATED
-from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.simulated_cases import observed
-from orchestrator.diagnosis.software import ControllerReplay, DynamicsReplay
+from orchestrator.diagnosis.rig.challenge.evidence import imitated, visibility
+from orchestrator.diagnosis.rig.challenge.hidden import HIDDEN, TIED, Hidden
+from orchestrator.diagnosis.rig.challenge.outside import OUTSIDE
+from orchestrator.diagnosis.rig.challenge.outside_fresh import FRESH
+from orchestrator.diagnosis.rig.challenge.rig import drive
+from orchestrator.diagnosis.rig.challenge.rig_parameters import CALIBRATED
+from orchestrator.diagnosis.rig.model import RigModel
+from orchestrator.diagnosis.rig.simulated_cases import observed
+from orchestrator.diagnosis.rig.software import ControllerReplay, DynamicsReplay
 
 _ALL = {**HIDDEN, **OUTSIDE, **FRESH}
 

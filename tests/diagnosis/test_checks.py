@@ -13,12 +13,12 @@ from logged import logged_study, with_column
 from scipy.signal import lfilter
 
 from orchestrator.base.errors import Problem
-from orchestrator.diagnosis.answers import weigh_software
-from orchestrator.diagnosis.catalogue import catalogue
-from orchestrator.diagnosis.checks import check_logs
-from orchestrator.diagnosis.consistency import _force_of_velocity, _force_out_of_contact
-from orchestrator.diagnosis.mistakes import merged_problems
-from orchestrator.diagnosis.study import Role, load_study
+from orchestrator.diagnosis.rig.answers import weigh_software
+from orchestrator.diagnosis.rig.catalogue import catalogue
+from orchestrator.diagnosis.rig.checks import check_logs
+from orchestrator.diagnosis.rig.consistency import _force_of_velocity, _force_out_of_contact
+from orchestrator.diagnosis.rig.study import Role, load_study
+from orchestrator.diagnosis.study.mistakes import merged_problems
 
 CASES = Path(__file__).parents[3] / "shared" / "gap" / "cases"
 

@@ -9,16 +9,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.closure import MEASURES, closure_of, how_far, one_contact_ahead
-from orchestrator.diagnosis.finding import Augmented
-from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.motion import contacts
-from orchestrator.diagnosis.numerics import numerics
-from orchestrator.diagnosis.report import remarks
-from orchestrator.diagnosis.rig import SUBSTEPS
-from orchestrator.diagnosis.software import ControllerReplay, DynamicsReplay
-from orchestrator.diagnosis.study import Role
-from orchestrator.diagnosis.verdict import Gap, Numerics
+from orchestrator.diagnosis.rig.closure import MEASURES, closure_of, how_far, one_contact_ahead
+from orchestrator.diagnosis.rig.finding import Augmented
+from orchestrator.diagnosis.rig.model import RigModel
+from orchestrator.diagnosis.rig.motion import contacts
+from orchestrator.diagnosis.rig.numerics import numerics
+from orchestrator.diagnosis.rig.report import remarks
+from orchestrator.diagnosis.rig.rig import SUBSTEPS
+from orchestrator.diagnosis.rig.software import ControllerReplay, DynamicsReplay
+from orchestrator.diagnosis.rig.study import Role
+from orchestrator.diagnosis.rig.verdict import Gap, Numerics
 from tests.diagnosis.labs import NONE, found, lab
 
 CAUSES = [

@@ -15,14 +15,14 @@ from logged import logged_study, with_column, write_case
 from orchestrator.base.digests import file_digest
 from orchestrator.base.errors import ConfigError, OrchestratorError
 from orchestrator.cli.main import main
-from orchestrator.diagnosis.analyses import Analyses
-from orchestrator.diagnosis.catalogue import catalogue, in_words
-from orchestrator.diagnosis.diagnose import STAGES, diagnose
-from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
-from orchestrator.diagnosis.headline import headline, nats, percent
-from orchestrator.diagnosis.report_text import text as in_lines
-from orchestrator.diagnosis.study import Role
-from orchestrator.diagnosis.verdict import read_diagnosis
+from orchestrator.diagnosis.rig.analyses import Analyses
+from orchestrator.diagnosis.rig.catalogue import catalogue, in_words
+from orchestrator.diagnosis.rig.diagnose import STAGES, diagnose
+from orchestrator.diagnosis.rig.finding import Augmented, Candidate, Finding
+from orchestrator.diagnosis.rig.headline import headline, nats, percent
+from orchestrator.diagnosis.rig.report_text import text as in_lines
+from orchestrator.diagnosis.rig.study import Role
+from orchestrator.diagnosis.rig.verdict import read_diagnosis
 from orchestrator.report.make import report
 
 HERTZ = catalogue()["contact.hertz"]

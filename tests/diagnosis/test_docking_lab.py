@@ -12,10 +12,10 @@ import yaml
 from rigs import study as own_study
 
 from orchestrator.config import load_config
-from orchestrator.diagnosis.augmented import augmented_config
-from orchestrator.diagnosis.catalogue import catalogue
-from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
-from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.rig.augmented import augmented_config
+from orchestrator.diagnosis.rig.catalogue import catalogue
+from orchestrator.diagnosis.rig.finding import Augmented, Candidate, Finding
+from orchestrator.diagnosis.rig.model import RigModel
 from orchestrator.simulation.run import run
 from orchestrator.system.assembly import load_system
 

@@ -8,27 +8,27 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from orchestrator.diagnosis import nuisance
-from orchestrator.diagnosis.answers import Answer, Group, complete
-from orchestrator.diagnosis.calibration import Calibration, calibration
-from orchestrator.diagnosis.catalogue import catalogue
-from orchestrator.diagnosis.challenge.draw import Plan
-from orchestrator.diagnosis.challenge.hidden import HIDDEN
-from orchestrator.diagnosis.challenge.outside import OUTSIDE
-from orchestrator.diagnosis.coloured_noise import coloured
-from orchestrator.diagnosis.dropout import in_turn, lost_in_contact, piled
-from orchestrator.diagnosis.fit import Fitter
-from orchestrator.diagnosis.hardware import weigh_rig
-from orchestrator.diagnosis.link_effects import search_behind
-from orchestrator.diagnosis.misfit import unexplained, wave
-from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.nuisance import Weighing
-from orchestrator.diagnosis.roughness_learning import RoughnessProblem, learn_roughness
-from orchestrator.diagnosis.search import directions, roughness
-from orchestrator.diagnosis.simulated_cases import ODDITIES, bare_study, simulated_case, simulated_study
-from orchestrator.diagnosis.stochastic import sensor_noise
-from orchestrator.diagnosis.study import Nominal, Role
-from orchestrator.diagnosis.weigh import conclude
+from orchestrator.diagnosis.rig import nuisance
+from orchestrator.diagnosis.rig.answers import Answer, Group, complete
+from orchestrator.diagnosis.rig.calibration import Calibration, calibration
+from orchestrator.diagnosis.rig.catalogue import catalogue
+from orchestrator.diagnosis.rig.challenge.draw import Plan
+from orchestrator.diagnosis.rig.challenge.hidden import HIDDEN
+from orchestrator.diagnosis.rig.challenge.outside import OUTSIDE
+from orchestrator.diagnosis.rig.coloured_noise import coloured
+from orchestrator.diagnosis.rig.dropout import in_turn, lost_in_contact, piled
+from orchestrator.diagnosis.rig.fit import Fitter
+from orchestrator.diagnosis.rig.hardware import weigh_rig
+from orchestrator.diagnosis.rig.link_effects import search_behind
+from orchestrator.diagnosis.rig.misfit import unexplained, wave
+from orchestrator.diagnosis.rig.model import RigModel
+from orchestrator.diagnosis.rig.nuisance import Weighing
+from orchestrator.diagnosis.rig.roughness_learning import RoughnessProblem, learn_roughness
+from orchestrator.diagnosis.rig.search import directions, roughness
+from orchestrator.diagnosis.rig.simulated_cases import ODDITIES, bare_study, simulated_case, simulated_study
+from orchestrator.diagnosis.rig.stochastic import sensor_noise
+from orchestrator.diagnosis.rig.study import Nominal, Role
+from orchestrator.diagnosis.rig.weigh import conclude
 from tests.diagnosis.rigs import study
 from tests.diagnosis.test_weigh import named, noisy, own_study, with_columns
 

@@ -9,16 +9,16 @@ import pytest
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.config import Places
-from orchestrator.diagnosis import menu as menus
-from orchestrator.diagnosis.catalogue import catalogue
-from orchestrator.diagnosis.expected_evidence import chosen
-from orchestrator.diagnosis.experiments import expected_evidence, next_experiment, posterior
-from orchestrator.diagnosis.finding import Augmented
-from orchestrator.diagnosis.fit import Fitter
-from orchestrator.diagnosis.menu import MENU, Experiment, menu, menu_of
-from orchestrator.diagnosis.predicted_runs import Chain, Trial
-from orchestrator.diagnosis.study import Role, _experiments
-from orchestrator.diagnosis.unsimulated_experiments import _ALONE
+from orchestrator.diagnosis.rig import menu as menus
+from orchestrator.diagnosis.rig.catalogue import catalogue
+from orchestrator.diagnosis.rig.expected_evidence import chosen
+from orchestrator.diagnosis.rig.experiments import expected_evidence, next_experiment, posterior
+from orchestrator.diagnosis.rig.finding import Augmented
+from orchestrator.diagnosis.rig.fit import Fitter
+from orchestrator.diagnosis.rig.menu import MENU, Experiment, menu, menu_of
+from orchestrator.diagnosis.rig.predicted_runs import Chain, Trial
+from orchestrator.diagnosis.rig.study import Role, _experiments
+from orchestrator.diagnosis.rig.unsimulated_experiments import _ALONE
 from tests.diagnosis.labs import Noisy, found, lab, model
 from tests.extent import all_or
 
@@ -176,7 +176,7 @@ def test_packages_add_experiments(monkeypatch):
     def offer(*ones):
         menu.cache_clear()
         monkeypatch.setattr(
-            "orchestrator.diagnosis.catalogue.entry_points",
+            "orchestrator.diagnosis.rig.catalogue.entry_points",
             lambda group: [Point(one) for one in ones] if group == menus.ENTRY_POINTS else [],
         )
 

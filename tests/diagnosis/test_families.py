@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import pytest
 from test_report import made
 
-from orchestrator.diagnosis.diagnosed import Diagnosed
-from orchestrator.diagnosis.families import Kin, families_of, together
-from orchestrator.diagnosis.headline import headline
-from orchestrator.diagnosis.report import compose
-from orchestrator.diagnosis.report_text import text
+from orchestrator.diagnosis.rig.diagnosed import Diagnosed
+from orchestrator.diagnosis.rig.families import Kin, families_of, together
+from orchestrator.diagnosis.rig.headline import headline
+from orchestrator.diagnosis.rig.report import compose
+from orchestrator.diagnosis.rig.report_text import text
 
 DRY, LAG = Kin("dry friction", "drive"), Kin("a lag", "drive.voltage")
 KIN = {f"drive.{one}": DRY for one in ("coulomb", "stribeck", "dahl")}

@@ -8,16 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.catalogue import catalogue
-from orchestrator.diagnosis.effect import Effect, Parameter
-from orchestrator.diagnosis.effects.robot_command_quantisation import propose as propose_steps
-from orchestrator.diagnosis.fit import Fitter
-from orchestrator.diagnosis.marginal import inflation
-from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.random_arrivals import random_arrival
-from orchestrator.diagnosis.rig import HISTORY
-from orchestrator.diagnosis.search import roughness, search
-from orchestrator.diagnosis.software import DynamicsReplay
+from orchestrator.diagnosis.rig.catalogue import catalogue
+from orchestrator.diagnosis.rig.effect import Effect, Parameter
+from orchestrator.diagnosis.rig.effects.robot_command_quantisation import propose as propose_steps
+from orchestrator.diagnosis.rig.fit import Fitter
+from orchestrator.diagnosis.rig.marginal import inflation
+from orchestrator.diagnosis.rig.model import RigModel
+from orchestrator.diagnosis.rig.random_arrivals import random_arrival
+from orchestrator.diagnosis.rig.rig import HISTORY
+from orchestrator.diagnosis.rig.search import roughness, search
+from orchestrator.diagnosis.rig.software import DynamicsReplay
 from tests.diagnosis.labs import lab
 from tests.diagnosis.rigs import NOMINAL
 

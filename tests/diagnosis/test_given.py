@@ -12,14 +12,14 @@ from logged import logged_study, with_column, write_case
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.cli.main import main
-from orchestrator.diagnosis.challenge.verdict import read_verdict
-from orchestrator.diagnosis.checks import check_logs
-from orchestrator.diagnosis.effect import Parameter
-from orchestrator.diagnosis.fit import Fitter
-from orchestrator.diagnosis.mapping import Column
-from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.servo import pulse_response
-from orchestrator.diagnosis.study import Role, load_study
+from orchestrator.diagnosis.rig.challenge.verdict import read_verdict
+from orchestrator.diagnosis.rig.checks import check_logs
+from orchestrator.diagnosis.rig.effect import Parameter
+from orchestrator.diagnosis.rig.fit import Fitter
+from orchestrator.diagnosis.rig.model import RigModel
+from orchestrator.diagnosis.rig.servo import pulse_response
+from orchestrator.diagnosis.rig.study import Role, load_study
+from orchestrator.diagnosis.study.mapping import Column
 from tests.diagnosis.rigs import NOMINAL
 
 
@@ -202,7 +202,7 @@ def test_a_sign_or_unit_that_a_rig_study_gives_is_to_be_corrected_there(logged):
 
 
 def test_one_case_that_trips_does_not_stop_the_others(logged, tmp_path, monkeypatch, capsys):
-    from orchestrator.diagnosis import diagnose as module
+    from orchestrator.diagnosis.rig import diagnose as module
 
     seen = []
 

@@ -7,25 +7,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.analyses import Analyses
-from orchestrator.diagnosis.calibration import calibration
-from orchestrator.diagnosis.catalogue import catalogue
-from orchestrator.diagnosis.challenge.draw import Plan
-from orchestrator.diagnosis.challenge.hidden import HIDDEN
-from orchestrator.diagnosis.coloured_noise import WHITE
-from orchestrator.diagnosis.descent import cost_of
-from orchestrator.diagnosis.diagnose import diagnose
-from orchestrator.diagnosis.fit import Fitter
-from orchestrator.diagnosis.hardware import weigh_rig
-from orchestrator.diagnosis.held_out import Judge
-from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.nuisance import Weighing, force_weights
-from orchestrator.diagnosis.report_text import text
-from orchestrator.diagnosis.residual_evidence import ResidualEvidence
-from orchestrator.diagnosis.search import search
-from orchestrator.diagnosis.simulated_cases import bare_study, simulated_study
-from orchestrator.diagnosis.study import Role
-from orchestrator.diagnosis.weigh import conclude
+from orchestrator.diagnosis.rig.analyses import Analyses
+from orchestrator.diagnosis.rig.calibration import calibration
+from orchestrator.diagnosis.rig.catalogue import catalogue
+from orchestrator.diagnosis.rig.challenge.draw import Plan
+from orchestrator.diagnosis.rig.challenge.hidden import HIDDEN
+from orchestrator.diagnosis.rig.coloured_noise import WHITE
+from orchestrator.diagnosis.rig.descent import cost_of
+from orchestrator.diagnosis.rig.diagnose import diagnose
+from orchestrator.diagnosis.rig.fit import Fitter
+from orchestrator.diagnosis.rig.hardware import weigh_rig
+from orchestrator.diagnosis.rig.held_out import Judge
+from orchestrator.diagnosis.rig.model import RigModel
+from orchestrator.diagnosis.rig.nuisance import Weighing, force_weights
+from orchestrator.diagnosis.rig.report_text import text
+from orchestrator.diagnosis.rig.residual_evidence import ResidualEvidence
+from orchestrator.diagnosis.rig.search import search
+from orchestrator.diagnosis.rig.simulated_cases import bare_study, simulated_study
+from orchestrator.diagnosis.rig.study import Role
+from orchestrator.diagnosis.rig.weigh import conclude
 
 HALF = len(ResidualEvidence._fields)
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from orchestrator.base.units import UnitError, parse_unit
-from orchestrator.diagnosis.ports.reader import load_port_study
+from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.unknown_input.corrected import write_corrected
 from orchestrator.diagnosis.unknown_input.laws import Law, library
 from orchestrator.diagnosis.unknown_input.search import answer

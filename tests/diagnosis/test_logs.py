@@ -24,12 +24,12 @@ from scipy.io import savemat
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.config import Places
-from orchestrator.diagnosis.checks import check_logs
-from orchestrator.diagnosis.logs import LogError, read_log
-from orchestrator.diagnosis.mapping import columns_of, read_mapping
-from orchestrator.diagnosis.ports.keys import Logged
-from orchestrator.diagnosis.study import UNITS as NOMINAL_UNITS
-from orchestrator.diagnosis.study import load_study
+from orchestrator.diagnosis.rig.checks import check_logs
+from orchestrator.diagnosis.rig.study import UNITS as NOMINAL_UNITS
+from orchestrator.diagnosis.rig.study import load_study
+from orchestrator.diagnosis.study.keys import Logged
+from orchestrator.diagnosis.study.logs import LogError, read_log
+from orchestrator.diagnosis.study.mapping import columns_of, read_mapping
 
 SIGNALS = (
     "desired_position", "desired_velocity", "encoder_position", "sensor_force", "compensated_force",

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.challenge.draw import Plan
-from orchestrator.diagnosis.hardware import weigh_rig
-from orchestrator.diagnosis.outside_place import part_of_chain, wrong_times
-from orchestrator.diagnosis.residual_evidence import ResidualEvidence
-from orchestrator.diagnosis.simulated_cases import ODDITIES, simulated_study
+from orchestrator.diagnosis.rig.challenge.draw import Plan
+from orchestrator.diagnosis.rig.hardware import weigh_rig
+from orchestrator.diagnosis.rig.outside_place import part_of_chain, wrong_times
+from orchestrator.diagnosis.rig.residual_evidence import ResidualEvidence
+from orchestrator.diagnosis.rig.simulated_cases import ODDITIES, simulated_study
 
 N = 3000
 T = 1e-3 * np.arange(N)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.challenge.draw import Plan
-from orchestrator.diagnosis.challenge.hidden import HIDDEN
-from orchestrator.diagnosis.challenge.outside import OUTSIDE
-from orchestrator.diagnosis.hardware import weigh_rig
-from orchestrator.diagnosis.periodic_delays import rhythm
-from orchestrator.diagnosis.simulated_cases import simulated_study
+from orchestrator.diagnosis.rig.challenge.draw import Plan
+from orchestrator.diagnosis.rig.challenge.hidden import HIDDEN
+from orchestrator.diagnosis.rig.challenge.outside import OUTSIDE
+from orchestrator.diagnosis.rig.hardware import weigh_rig
+from orchestrator.diagnosis.rig.periodic_delays import rhythm
+from orchestrator.diagnosis.rig.simulated_cases import simulated_study
 
 TICKS = np.arange(3000)
 

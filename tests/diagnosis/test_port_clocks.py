@@ -11,9 +11,9 @@ import pytest
 import yaml
 from ports_bench import change_log, study
 
-from orchestrator.diagnosis.ports.given import check_logs
-from orchestrator.diagnosis.ports.reader import load_port_study
-from orchestrator.diagnosis.ports.study import Role
+from orchestrator.diagnosis.study.checks import check_logs
+from orchestrator.diagnosis.study.reader import load_port_study
+from orchestrator.diagnosis.study.study import Role
 from orchestrator.system.system import Port
 
 PATH, POSITION, VOLTAGE = Port("path", "position"), Port("drive", "position"), Port("controller", "voltage")

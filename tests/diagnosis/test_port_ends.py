@@ -9,8 +9,8 @@ import pytest
 import yaml
 from unruly import WAYS, unruly_fmu
 
-from orchestrator.diagnosis.ports.given import check_logs
-from orchestrator.diagnosis.ports.reader import load_port_study
+from orchestrator.diagnosis.study.checks import check_logs
+from orchestrator.diagnosis.study.reader import load_port_study
 
 STEP, SAMPLES, GAIN = 0.01, 201, 1.3
 

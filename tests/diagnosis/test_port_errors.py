@@ -15,9 +15,9 @@ from ports_bench import change_log, study
 from orchestrator.base.errors import ConfigError
 from orchestrator.cli.diagnosis import _folders
 from orchestrator.cli.main import main
-from orchestrator.diagnosis.mistakes import wrong_scales
-from orchestrator.diagnosis.ports.given import check_logs
-from orchestrator.diagnosis.ports.reader import load_port_study
+from orchestrator.diagnosis.study.checks import check_logs
+from orchestrator.diagnosis.study.mistakes import wrong_scales
+from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.fmi import bundled
 
 

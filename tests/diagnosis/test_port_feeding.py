@@ -10,11 +10,11 @@ import pytest
 import yaml
 from ports_bench import UNITS, residuals, simulated, study, system
 
-from orchestrator.diagnosis.ports import player
-from orchestrator.diagnosis.ports.given import check_logs
-from orchestrator.diagnosis.ports.player import Inserted
-from orchestrator.diagnosis.ports.reader import load_port_study
-from orchestrator.diagnosis.ports.replay import player_of
+from orchestrator.diagnosis.study import player
+from orchestrator.diagnosis.study.checks import check_logs
+from orchestrator.diagnosis.study.player import Inserted
+from orchestrator.diagnosis.study.reader import load_port_study
+from orchestrator.diagnosis.study.replay import player_of
 from orchestrator.effects.gain import Gain
 from orchestrator.effects.offset import Offset
 from orchestrator.simulation.loop import simulate

@@ -8,11 +8,11 @@ from fractions import Fraction
 import pytest
 from ports_bench import COULOMB, POSITION, VELOCITY, VOLTAGE, study
 
-from orchestrator.diagnosis.ports import player
-from orchestrator.diagnosis.ports.idle import without_idle
-from orchestrator.diagnosis.ports.player import Inserted
-from orchestrator.diagnosis.ports.reader import load_port_study
-from orchestrator.diagnosis.ports.replay import player_of
+from orchestrator.diagnosis.study import player
+from orchestrator.diagnosis.study.idle import without_idle
+from orchestrator.diagnosis.study.player import Inserted
+from orchestrator.diagnosis.study.reader import load_port_study
+from orchestrator.diagnosis.study.replay import player_of
 from orchestrator.effects.delay import Delay
 from orchestrator.effects.gain import Gain
 from orchestrator.master.iterative import Iterative

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
-from orchestrator.diagnosis.ports.native import in_native_form
-from orchestrator.diagnosis.ports.reader import load_port_study
-from orchestrator.diagnosis.ports.replay import Replay, player_of
+from orchestrator.diagnosis.study.native import in_native_form
+from orchestrator.diagnosis.study.reader import load_port_study
+from orchestrator.diagnosis.study.replay import Replay, player_of
 from orchestrator.system.system import Port
 from orchestrator.translate.inserted import own_source
 from orchestrator.translate.python_fmu import build_python_fmu

@@ -11,10 +11,10 @@ from ports_bench import STEP, residuals, study
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.config import load_config
-from orchestrator.diagnosis.ports.given import check_logs
-from orchestrator.diagnosis.ports.player import between
-from orchestrator.diagnosis.ports.reader import load_port_study
-from orchestrator.diagnosis.ports.replay import with_steps
+from orchestrator.diagnosis.study.checks import check_logs
+from orchestrator.diagnosis.study.player import between
+from orchestrator.diagnosis.study.reader import load_port_study
+from orchestrator.diagnosis.study.replay import with_steps
 from orchestrator.simulation.run import run
 
 

@@ -6,7 +6,7 @@ import pytest
 from ports_bench import study
 
 from orchestrator.base.errors import ConfigError
-from orchestrator.diagnosis.ports.reader import load_port_study
+from orchestrator.diagnosis.study.reader import load_port_study
 
 
 @pytest.mark.parametrize("date", ["04.03.2026 09:15:{:06.3f}", "3/4/2026 9:15:{:06.3f}"])

@@ -11,8 +11,8 @@ from ports_bench import COULOMB, change_log, checked, study
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.cli.main import main
-from orchestrator.diagnosis.channels import clipped
-from orchestrator.diagnosis.ports.reader import load_port_study
+from orchestrator.diagnosis.study.channels import clipped
+from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.unknown_input.diagnose import diagnose_system
 
 

@@ -10,9 +10,9 @@ import pytest
 import yaml
 from ports_bench import COULOMB, POSITION, VOLTAGE, simulated, study, system
 
-from orchestrator.diagnosis.ports.player import Inserted, Player
-from orchestrator.diagnosis.ports.reader import load_port_study
-from orchestrator.diagnosis.ports.replay import Replay, player_of
+from orchestrator.diagnosis.study.player import Inserted, Player
+from orchestrator.diagnosis.study.reader import load_port_study
+from orchestrator.diagnosis.study.replay import Replay, player_of
 from orchestrator.effects.gain import Gain
 
 

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from ports_bench import change_log, checked, study
 
-from orchestrator.diagnosis.ports.reader import load_port_study
+from orchestrator.diagnosis.study.reader import load_port_study
 
 
 def fed_too(folder, column):

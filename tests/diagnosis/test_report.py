@@ -6,14 +6,14 @@ import re
 
 import pytest
 
-from orchestrator.diagnosis.caveats import caveats
-from orchestrator.diagnosis.diagnosed import Diagnosed
-from orchestrator.diagnosis.effect import Effect, Parameter
-from orchestrator.diagnosis.headline import headline
-from orchestrator.diagnosis.report import compose
-from orchestrator.diagnosis.report_energy import energy
-from orchestrator.diagnosis.report_text import text
-from orchestrator.diagnosis.verdict import Diagnosis
+from orchestrator.diagnosis.rig.caveats import caveats
+from orchestrator.diagnosis.rig.diagnosed import Diagnosed
+from orchestrator.diagnosis.rig.effect import Effect, Parameter
+from orchestrator.diagnosis.rig.headline import headline
+from orchestrator.diagnosis.rig.report import compose
+from orchestrator.diagnosis.rig.report_energy import energy
+from orchestrator.diagnosis.rig.report_text import text
+from orchestrator.diagnosis.rig.verdict import Diagnosis
 
 GAIN = "drive.force_per_voltage"
 GAP = {"before": 0.1, "after": 0.01, "noise_floor": 0.008, "closure": 0.978, "interval": None,

@@ -9,26 +9,26 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from orchestrator.diagnosis import learning
-from orchestrator.diagnosis.answers import Answer, Group, complete
-from orchestrator.diagnosis.any_law import any_law
-from orchestrator.diagnosis.calibration import SET, Calibration, own_gains
-from orchestrator.diagnosis.catalogue import catalogue
-from orchestrator.diagnosis.challenge.draw import Plan
-from orchestrator.diagnosis.challenge.outside import OUTSIDE
-from orchestrator.diagnosis.coloured_noise import WHITE, Colour
-from orchestrator.diagnosis.fit import Fitter
-from orchestrator.diagnosis.hardware import weigh_rig
-from orchestrator.diagnosis.learning import WeighedCase, learn_sure
-from orchestrator.diagnosis.local_structure import loudest, repeated
-from orchestrator.diagnosis.marginal import Marginal
-from orchestrator.diagnosis.misfit import in_contact, stretches, uneven, unexplained
-from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.nuisance import Weighing, touching
-from orchestrator.diagnosis.residual_evidence import excess_deviation
-from orchestrator.diagnosis.simulated_cases import bare_study, simulated_study
-from orchestrator.diagnosis.study import Role
-from orchestrator.diagnosis.weigh import conclude
+from orchestrator.diagnosis.rig import learning
+from orchestrator.diagnosis.rig.answers import Answer, Group, complete
+from orchestrator.diagnosis.rig.any_law import any_law
+from orchestrator.diagnosis.rig.calibration import SET, Calibration, own_gains
+from orchestrator.diagnosis.rig.catalogue import catalogue
+from orchestrator.diagnosis.rig.challenge.draw import Plan
+from orchestrator.diagnosis.rig.challenge.outside import OUTSIDE
+from orchestrator.diagnosis.rig.coloured_noise import WHITE, Colour
+from orchestrator.diagnosis.rig.fit import Fitter
+from orchestrator.diagnosis.rig.hardware import weigh_rig
+from orchestrator.diagnosis.rig.learning import WeighedCase, learn_sure
+from orchestrator.diagnosis.rig.local_structure import loudest, repeated
+from orchestrator.diagnosis.rig.marginal import Marginal
+from orchestrator.diagnosis.rig.misfit import in_contact, stretches, uneven, unexplained
+from orchestrator.diagnosis.rig.model import RigModel
+from orchestrator.diagnosis.rig.nuisance import Weighing, touching
+from orchestrator.diagnosis.rig.residual_evidence import excess_deviation
+from orchestrator.diagnosis.rig.simulated_cases import bare_study, simulated_study
+from orchestrator.diagnosis.rig.study import Role
+from orchestrator.diagnosis.rig.weigh import conclude
 from tests.diagnosis.rigs import study
 from tests.diagnosis.test_weigh import own_study
 

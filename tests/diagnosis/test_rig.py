@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from orchestrator.base.errors import ConfigError
-from orchestrator.diagnosis.catalogue import catalogue
-from orchestrator.diagnosis.effect import Site
-from orchestrator.diagnosis.fit import Fitter
-from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.software import ControllerReplay, DynamicsReplay
-from orchestrator.diagnosis.study import Role, load_study
+from orchestrator.diagnosis.rig.catalogue import catalogue
+from orchestrator.diagnosis.rig.effect import Site
+from orchestrator.diagnosis.rig.fit import Fitter
+from orchestrator.diagnosis.rig.model import RigModel
+from orchestrator.diagnosis.rig.software import ControllerReplay, DynamicsReplay
+from orchestrator.diagnosis.rig.study import Role, load_study
 from tests.diagnosis.rigs import study
 
 GAP = Path(__file__).parents[3] / "shared" / "gap"

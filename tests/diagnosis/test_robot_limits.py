@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from orchestrator.diagnosis.calibration import calibration
-from orchestrator.diagnosis.catalogue import catalogue, of_hardware
-from orchestrator.diagnosis.challenge.draw import Plan
-from orchestrator.diagnosis.challenge.hidden import HIDDEN, Hidden
-from orchestrator.diagnosis.effects.robot_command_quantisation import propose
-from orchestrator.diagnosis.fit import Fitter
-from orchestrator.diagnosis.hardware import _sensed, weigh_rig
-from orchestrator.diagnosis.link_effects import Arrivals
-from orchestrator.diagnosis.lost_commands import Losses, _regular, lost_commands
-from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.nuisance import Weighing
-from orchestrator.diagnosis.random_arrivals import random_arrival
-from orchestrator.diagnosis.residual_evidence import ResidualEvidence, own_error
-from orchestrator.diagnosis.search import counted, search
-from orchestrator.diagnosis.simulated_cases import simulated_case, simulated_study
-from orchestrator.diagnosis.study import Role
+from orchestrator.diagnosis.rig.calibration import calibration
+from orchestrator.diagnosis.rig.catalogue import catalogue, of_hardware
+from orchestrator.diagnosis.rig.challenge.draw import Plan
+from orchestrator.diagnosis.rig.challenge.hidden import HIDDEN, Hidden
+from orchestrator.diagnosis.rig.effects.robot_command_quantisation import propose
+from orchestrator.diagnosis.rig.fit import Fitter
+from orchestrator.diagnosis.rig.hardware import _sensed, weigh_rig
+from orchestrator.diagnosis.rig.link_effects import Arrivals
+from orchestrator.diagnosis.rig.lost_commands import Losses, _regular, lost_commands
+from orchestrator.diagnosis.rig.model import RigModel
+from orchestrator.diagnosis.rig.nuisance import Weighing
+from orchestrator.diagnosis.rig.random_arrivals import random_arrival
+from orchestrator.diagnosis.rig.residual_evidence import ResidualEvidence, own_error
+from orchestrator.diagnosis.rig.search import counted, search
+from orchestrator.diagnosis.rig.simulated_cases import simulated_case, simulated_study
+from orchestrator.diagnosis.rig.study import Role
 from tests.diagnosis.rigs import study
 
 _RIVALS = ("robot.bandwidth", "robot.damping", "robot.delay", "link.clock-skew", "robot.friction")

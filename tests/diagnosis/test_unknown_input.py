@@ -16,8 +16,8 @@ import yaml
 from scipy.integrate import solve_ivp
 
 import orchestrator as orc
-from orchestrator.diagnosis.ports.reader import load_port_study
-from orchestrator.diagnosis.ports.study import Role
+from orchestrator.diagnosis.study.reader import load_port_study
+from orchestrator.diagnosis.study.study import Role
 from orchestrator.diagnosis.unknown_input.corrected import write_corrected
 from orchestrator.diagnosis.unknown_input.diagnose import DiagnosedSystem
 from orchestrator.diagnosis.unknown_input.law_fit import Candidate

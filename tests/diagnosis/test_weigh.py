@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from orchestrator.diagnosis.answers import Answer, Group, weigh_software
-from orchestrator.diagnosis.calibration import Calibration, calibration
-from orchestrator.diagnosis.catalogue import catalogue
-from orchestrator.diagnosis.challenge.draw import Plan
-from orchestrator.diagnosis.challenge.hidden import HIDDEN
-from orchestrator.diagnosis.coloured_noise import WHITE, coloured, small_colour, whitened
-from orchestrator.diagnosis.hardware import weigh_rig
-from orchestrator.diagnosis.learning import WeighedCase, learn, loss
-from orchestrator.diagnosis.misfit import narrow_band_line, unexplained
-from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.simulated_cases import simulated_study
-from orchestrator.diagnosis.stochastic import sensor_noise
-from orchestrator.diagnosis.study import Study, load_study
-from orchestrator.diagnosis.weigh import conclude, weigh
+from orchestrator.diagnosis.rig.answers import Answer, Group, weigh_software
+from orchestrator.diagnosis.rig.calibration import Calibration, calibration
+from orchestrator.diagnosis.rig.catalogue import catalogue
+from orchestrator.diagnosis.rig.challenge.draw import Plan
+from orchestrator.diagnosis.rig.challenge.hidden import HIDDEN
+from orchestrator.diagnosis.rig.coloured_noise import WHITE, coloured, small_colour, whitened
+from orchestrator.diagnosis.rig.hardware import weigh_rig
+from orchestrator.diagnosis.rig.learning import WeighedCase, learn, loss
+from orchestrator.diagnosis.rig.misfit import narrow_band_line, unexplained
+from orchestrator.diagnosis.rig.model import RigModel
+from orchestrator.diagnosis.rig.simulated_cases import simulated_study
+from orchestrator.diagnosis.rig.stochastic import sensor_noise
+from orchestrator.diagnosis.rig.study import Study, load_study
+from orchestrator.diagnosis.rig.weigh import conclude, weigh
 from tests.diagnosis.rigs import study
 
 GAP = Path(__file__).parents[3] / "shared" / "gap"

@@ -12,15 +12,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.diagnosis.components import COMPONENTS, component_of, residuals_of, significant
-from orchestrator.diagnosis.energy import INTERFACES, balances, energy
-from orchestrator.diagnosis.finding import Augmented
-from orchestrator.diagnosis.motion import Phase, contacts, phases
-from orchestrator.diagnosis.residual_ledger import energies, ledger
-from orchestrator.diagnosis.restart import Restart
-from orchestrator.diagnosis.shapley import shapley_shares, where
-from orchestrator.diagnosis.sharing import shapley_values
-from orchestrator.diagnosis.study import Role, load_study
+from orchestrator.diagnosis.rig.components import COMPONENTS, component_of, residuals_of, significant
+from orchestrator.diagnosis.rig.energy import INTERFACES, balances, energy
+from orchestrator.diagnosis.rig.finding import Augmented
+from orchestrator.diagnosis.rig.motion import Phase, contacts, phases
+from orchestrator.diagnosis.rig.residual_ledger import energies, ledger
+from orchestrator.diagnosis.rig.restart import Restart
+from orchestrator.diagnosis.rig.shapley import shapley_shares, where
+from orchestrator.diagnosis.rig.sharing import shapley_values
+from orchestrator.diagnosis.rig.study import Role, load_study
 from tests.diagnosis.labs import NONE, found, lab, model
 
 GAP = Path(__file__).parents[3] / "shared" / "gap"

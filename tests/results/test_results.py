@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from orchestrator.base.errors import ConfigError, OrchestratorError
 from orchestrator.cli.main import main
-from orchestrator.diagnosis.logs import LogError, read_log
+from orchestrator.diagnosis.study.logs import LogError, read_log
 from orchestrator.master import create_master
 from orchestrator.results import file_formats as formats
 from orchestrator.results.recorders import Recorder, Results, parameters_of, read_results

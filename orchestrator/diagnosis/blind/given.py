@@ -15,10 +15,9 @@ from ...config.text import dump
 from ...fmi import Causality, Kind
 from ...simulation.run import prepare
 from ...system.connection import Port
-from ..ports.keys import Logged
-from ..ports.reader import load_port_study
-from ..ports.study import PortStudy, is_port_study
-from ..study import Nominal
+from ..study.keys import Logged
+from ..study.reader import load_port_study
+from ..study.study import Nominal, PortStudy, is_port_study
 from ..unknown_input.model import StateModel, evaluate
 from .cases import RUNS, Draft, driven
 from .plant import Acting, Drive

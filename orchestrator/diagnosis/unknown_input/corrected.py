@@ -12,8 +12,8 @@ from ...config.text import dump
 from ...system.connection import Port
 from ...translate.build import build
 from ...translate.package import this_platform
-from ..ports.config_data import config_data, long_form, short_form, with_unit
-from ..ports.study import PortStudy
+from ..study.config_data import config_data, long_form, short_form, with_unit
+from ..study.study import PortStudy
 from .law_fit import Candidate
 from .model import Kinds
 from .search import Answer

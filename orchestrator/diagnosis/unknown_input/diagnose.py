@@ -11,10 +11,10 @@ from typing import Any
 from ...base.atomic_files import write_text
 from ...base.errors import ConfigError
 from ...simulation.run_folder import folder_at
-from ..ports.given import check_logs
-from ..ports.native import in_native_form
-from ..ports.reader import load_port_study
-from ..ports.study import PortStudy
+from ..study.checks import check_logs
+from ..study.native import in_native_form
+from ..study.reader import load_port_study
+from ..study.study import PortStudy
 from .corrected import write_corrected
 from .report import data_of, text_of
 from .search import Answer, answer

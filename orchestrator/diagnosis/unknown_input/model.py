@@ -21,7 +21,7 @@ from ...fmi import Causality, CompiledFmu, Kind, Variability
 from ...simulation.native.foreign_calls import call_fmi2_values, call_fmi3_values, load, store
 from ...system.connection import Connection, Port
 from ...system.system import Instance
-from ..ports.study import PortRun, PortStudy
+from ..study.study import PortRun, PortStudy
 from .calls import call_law
 
 __all__ = ["COLUMNS", "Inserted", "Kinds", "Place", "StateModel", "acts_of", "evaluate"]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..ports.study import PortRun
+from ..study.study import PortRun
 from .model import Inserted, Place, StateModel
 from .played import PlayedModel
 from .smoother import Smoothed, filtered, signals_along, simulated, substeps

@@ -19,9 +19,9 @@ from ...effects.base import Array as Memory
 from ...effects.base import Numbers
 from ...fmi import Causality, Kind, Value
 from ...system.connection import Port
-from ..ports.player import Inserted as AtPort
-from ..ports.player import Player
-from ..ports.replay import player_of
+from ..study.player import Inserted as AtPort
+from ..study.player import Player
+from ..study.replay import player_of
 from .calls import call_law
 from .model import COLUMNS, Inserted, Kinds, Place, StateModel
 

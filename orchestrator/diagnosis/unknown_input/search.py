@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from ...base.errors import ConfigError
-from ..ports.study import PortStudy, Role
+from ..study.study import PortStudy, Role
 from .judge import closed, likely, replayed
 from .law_fit import Candidate, Fitted, fit, readable, screened, spread_out
 from .model import StateModel

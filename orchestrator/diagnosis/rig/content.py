@@ -1,0 +1,151 @@
+"""Content of diagnosis.json, from a finding and the results of the analyses, for any system."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from ...base.digests import file_digest
+from ...base.errors import OrchestratorError
+from ...base.provenance import origin, versions
+from ...results.file_formats import strict
+from ..study.mistakes import Warned
+from .families import families_of
+from .finding import Finding
+from .study import Nominal
+from .verdict import Diagnosis, Family, Runnable, Share, Verdict, Which, problems_of
+
+__all__ = ["AnalysisResults", "content", "named_files", "provenance"]
+
+_PACKAGES = ("orchestrator", "numpy", "numba", "scipy", "pydantic")
+# Answers less probable than this are not reported.
+_SHOWN = 1e-6
+
+
+@dataclass(frozen=True)
+class AnalysisResults:
+    """Results of the analyses, see `verdict.Diagnosis`; `left_out` says why one has none.
+
+    Attributes:
+        where: shares of the gap by place.
+    """
+
+    where: Mapping[str, float] = field(default_factory=dict)
+    ledger: Any = ()
+    energy: Mapping[str, Any] = field(default_factory=dict)
+    how_far: Any = None
+    next_experiment: Any = None
+    numerics: Any = None
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+
+def content(
+    case: str,
+    finding: Finding,
+    nominal: Mapping[str, Nominal],
+    results: AnalysisResults,
+    warned: list[Warned],
+    augmented: Runnable | None,
+    origins: Mapping[str, Any],
+) -> Diagnosis:
+    """A diagnosis as it is written.
+
+    Args:
+        nominal: all that is calibrated; what has no tolerance is left out.
+        warned: what a reader should know of the logs; origins: see `provenance`.
+    Raises: OrchestratorError if parts of it contradict each other.
+    """
+    which = _which(finding)
+    shares = sorted(results.where.items(), key=lambda item: -item[1])
+    plain = strict(
+        {
+            "ledger": results.ledger,
+            "energy": results.energy,
+            "how_far": results.how_far,
+            "next_experiment": results.next_experiment,
+            "numerics": results.numerics,
+            "left_out": results.left_out,
+            "answer_set": finding.answer_set,
+            "misfit": finding.misfit,
+            "calibration": _calibration(finding, nominal),
+            "provenance": origins,
+        }
+    )
+    try:
+        return Diagnosis(
+            case=case,
+            verdict=Verdict(effects=list(finding.effects), places=list(finding.places)),
+            where=[Share(place=place, share=share) for place, share in shares],
+            which=which,
+            families=_families(which, finding),
+            outside_place=finding.outside_place,
+            doubtful_tolerances=finding.doubtful_tolerances,
+            augmented=augmented,
+            data=warned,
+            **plain,
+        )
+    except ValidationError as error:
+        problems = problems_of(error, f"{case}: the diagnosis contradicts itself")
+        raise OrchestratorError("\n".join(str(one) for one in problems)) from error
+
+
+def named_files(folder: Path, paths: Iterable[Path]) -> dict[str, Path]:
+    """Paths of files, relative to a folder if they are in it; of ROS bags, which are folders, all files."""
+    inner = [file for path in paths for file in ([path] if path.is_file() else sorted(path.rglob("*")))]
+    files = [file for file in inner if file.is_file()]
+    return {(one.relative_to(folder) if one.is_relative_to(folder) else one).as_posix(): one for one in files}
+
+
+def provenance(files: Mapping[str, Path], **more: object) -> dict[str, Any]:
+    """Inputs and software of a diagnosis.
+
+    Args:
+        files: that were read, by the names that they are recognised by.
+        more: further entries.
+    """
+    digests = {name: file_digest(path) for name, path in files.items()}
+    return {**origin(), "packages": versions(_PACKAGES), **more, "sha256": digests}
+
+
+def _which(finding: Finding) -> list[Which]:
+    """Answers, most probable first, less the least probable ones; the others' probabilities add up to 1."""
+    ranked = sorted(finding.candidates, key=lambda one: -one.probability)
+    shown = [one for one in ranked if one.probability >= _SHOWN] or ranked[:1]
+    total = sum(one.probability for one in shown)
+    return [
+        Which(
+            effects=list(one.effects),
+            probability=one.probability / total if total > 0 else 1.0 / len(shown),
+            parameters={name: float(value) for name, value in one.parameters.items()},
+            ties=list(one.ties),
+        )
+        for one in shown
+    ]
+
+
+def _families(which: list[Which], finding: Finding) -> list[Family]:
+    """Families of the answers that are reported."""
+    found = families_of(which, finding.kin)
+    return [
+        Family(name=one.name, place=one.place, probability=whole, members=members)
+        for one, (whole, members) in found.items()
+    ]
+
+
+def _calibration(finding: Finding, nominal: Mapping[str, Nominal]) -> dict[str, dict[str, float]]:
+    """Calibrated numbers: as believed, tolerance, with the answer and without effects."""
+    values = {}
+    for name, one in nominal.items():
+        if one.tolerance > 0:
+            alone = finding.recalibrated.calibrated.get(name, one.value)
+            values[name] = {
+                "nominal": one.value,
+                "tolerance": one.tolerance,
+                "fitted": float(finding.answer.calibrated.get(name, alone)),
+                "recalibrated": float(alone),
+            }
+    return values

@@ -1,0 +1,305 @@
+"""Page of a diagnosis, without network access."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+
+from ...plotting.page import aside, document, figure
+from ...plotting.page import bar as _bar
+from ...plotting.page import card as _card
+from .catalogue import catalogue, in_words
+from .caveats import caveats
+from .effect import Effect
+from .figures import figure_of
+from .finding import Augmented
+from .headline import (
+    SEPARATES,
+    chosen_answer,
+    families_in_words,
+    headline,
+    leaves_in_words,
+    listed_or,
+    nats,
+    percent,
+)
+from .report_energy import energy, ledger
+from .report_text import UNTOLD
+from .study import Role, Study
+from .verdict import Diagnosis, Gap, HowFar
+
+__all__ = ["compose", "page", "remarks"]
+
+# A share of probability below which an answer is not worth a line, and so many lines.
+_WORTH, _LINES = 0.005, 8
+# Ties are reported for answers that are likelier than this.
+_TIED = 0.05
+# So many answers of the 95 % set are named.
+_NAMED = 6
+
+
+def page(study: Study, diagnosis: Diagnosis, model: Augmented) -> str:
+    """The page as HTML.
+
+    Args:
+        model: the answer's, by which residuals are shown after the effects are added.
+    """
+    places = list(dict.fromkeys(diagnosis.verdict.places)) or ["sensor"]
+    figures = [figure_of(study, place, model) for place in places[:3]]
+    seen: dict[str, str] = {words: drawn for drawn, words in figures}
+    return compose(diagnosis, seen, _assumed(study, diagnosis), catalogue(), "one contact ahead")
+
+
+def compose(
+    diagnosis: Diagnosis,
+    figures: Mapping[str, str],
+    assumed: Sequence[str],
+    known: Mapping[str, Effect],
+    gap: str,
+    believed: Mapping[str, float] | None = None,
+) -> str:
+    """A page of a diagnosis, as HTML.
+
+    Args:
+        figures: SVG by what each shows in words.
+        assumed: sentences.
+        known: the effects that were weighed, by id.
+        gap: over what the gap is measured.
+        believed: parameters that effects change, as configured, by name.
+    """
+    parts = [
+        f"<p class=headline>{escape(headline(diagnosis))}</p>",
+        aside("About the answer", caveats(diagnosis)),
+        _warnings(diagnosis),
+        "<div class=cards>",
+        _card("Which effect", _posterior(diagnosis, known, believed or {})),
+        _card("Where the gap lies", _where(diagnosis)),
+        _card("How far it shrinks", _how_far(diagnosis, gap)),
+        _card("What to run next", _next(diagnosis)),
+        "</div>",
+        "<h2>Residuals before and after</h2>",
+        *(figure(drawn, words) for words, drawn in figures.items()),
+        _augmented(diagnosis),
+        ledger(diagnosis),
+        energy(diagnosis),
+        _calibration(diagnosis),
+        _assumptions(assumed),
+        _provenance(diagnosis),
+    ]
+    return document(f"{diagnosis.case}: diagnosis of the sim-to-real gap", parts)
+
+
+def _number(value: float | None, digits: int = 3) -> str:
+    return "-" if value is None else f"{value:.{digits}g}"
+
+
+def _posterior(diagnosis: Diagnosis, known: Mapping[str, Effect], believed: Mapping[str, float]) -> str:
+    rows = []
+    answer = chosen_answer(diagnosis)
+    shown = [one for one in diagnosis.which if one.probability >= _WORTH][:_LINES]
+    for one in shown:
+        label = " + ".join(one.effects) or "no effect"
+        effects = [known[name] for name in one.effects if name in known]
+        notes = [_in_words(effect, one.parameters, believed) for effect in effects]
+        if one.ties and (one is answer or one.probability >= _TIED):
+            notes.append(f"tied with {', '.join(one.ties)}")
+        note = "; ".join(part for part in notes if part)
+        rows.append(_bar(label, one.probability, percent(one.probability), note, one is answer))
+    rest = 1.0 - sum(one.probability for one in shown)
+    if rest > 1e-4:
+        rows.append(_bar("all others", rest, percent(rest)))
+    answers = ", ".join(diagnosis.answer_set[:_NAMED])
+    if len(diagnosis.answer_set) > _NAMED:
+        more = len(diagnosis.answer_set) - _NAMED
+        answers += f", and {more} more that the logs show too little of to exclude"
+    rows += [f"<p class=note>Together: {escape(one)}</p>" for one in families_in_words(diagnosis)]
+    return "".join(rows) + (f"<p class=note>95 % answer set: {escape(answers)}</p>" if answers else "")
+
+
+def _in_words(effect: Effect, parameters: Mapping[str, float], believed: Mapping[str, float]) -> str:
+    """Description of an effect with its fitted parameters and units; of a change also the value."""
+    fitted = []
+    for one in effect.parameters:
+        value = parameters.get(f"{effect.id}.{one.name}")
+        if value is not None:
+            unit = "" if one.unit in ("", "1") else f" {one.unit}"
+            changed = [
+                believed[name] for name, by in effect.changes.items() if by == one.name and name in believed
+            ]
+            fitted += [f"{before + value:.6g}{unit}, not {before:.6g}{unit}" for before in changed]
+            fitted.append(f"{one.name} {value:.4g}{unit}")
+    described = in_words(effect)
+    return f"{described} ({', '.join(fitted)})" if fitted else described
+
+
+def _where(diagnosis: Diagnosis) -> str:
+    if not diagnosis.where:
+        return _left_out(diagnosis, "where")
+    rows = [
+        _bar(one.place, one.share, percent(one.share), strong=one.place in diagnosis.verdict.places)
+        for one in diagnosis.where
+    ]
+    runs = "train" if "how_far" in diagnosis.left_out else "held-out"
+    note = f"Shares of the closed-loop gap on {runs} runs; they add up to 100 %."
+    if diagnosis.how_far is not None and diagnosis.how_far.within_floor:
+        note += " The gap is within the noise: they mean little."
+    return f"{''.join(rows)}<p class=note>{note}</p>"
+
+
+def _how_far(diagnosis: Diagnosis, over: str) -> str:
+    gap = diagnosis.how_far
+    if gap is None:
+        return _left_out(diagnosis, "how_far")
+    rows = [(over, gap)] + ([("complete run", gap.full_run)] if gap.full_run is not None else [])
+    body = "".join(f"<tr><th>{name}</th>{_gap_cells(one)}</tr>" for name, one in rows)
+    head = "".join(
+        f"<th>{one}</th>" for one in ("", "before", "after", "noise", "closed", "by calibration alone")
+    )
+    note = (
+        "Error of the model on held-out runs, relative to the size of the signals; "
+        f"noise: {_noise_in_words(gap)}. High closure alone does not prove the cause."
+    )
+    return f"<table><tr>{head}</tr>{body}</table><p class=note>{note}</p>"
+
+
+def _noise_in_words(gap: HowFar) -> str:
+    """Where the noise comes from that a gap is held against."""
+    text = {
+        "repeats": "what runs differ by that repeat each other",
+        "specified": "as specified, since no held-out run was repeated",
+        "both": "what runs differ by that repeat each other, else as specified",
+    }.get(gap.noise_floor_from, "what does not repeat")
+    unknown = gap.full_run is not None and gap.full_run.noise_floor_from == "none"
+    return f"{text}; over complete runs none is known" if unknown else text
+
+
+def _gap_cells(gap: Gap) -> str:
+    closed = "within the noise" if gap.within_floor else "-" if gap.closure is None else percent(gap.closure)
+    if gap.interval is not None and not gap.within_floor:
+        closed += f"<div class=note>{100 * gap.interval[0]:.0f} to {100 * gap.interval[1]:.0f} %</div>"
+    alone = "-" if gap.recalibration_only is None else percent(gap.recalibration_only)
+    cells = (*map(_number, (gap.before, gap.after, gap.noise_floor)), closed, alone)
+    return "".join(f"<td>{one}</td>" for one in cells)
+
+
+def _next(diagnosis: Diagnosis) -> str:
+    one = diagnosis.next_experiment
+    if one is None:
+        if "next_experiment" in diagnosis.left_out:
+            return _left_out(diagnosis, "next_experiment")
+        return "<p>No experiment is needed: no tie is left to break.</p>"
+    text = f"<p><b>{escape(one.name)}</b></p><p>{escape(one.description)}</p>"
+    if one.expected_evidence is not None and one.expected_evidence < SEPARATES:
+        return f"<p>{escape(UNTOLD[0].upper() + UNTOLD[1:])}.</p>"
+    if one.between:
+        text += f"<p class=note>Between {escape(listed_or(one.between))}"
+        if one.expected_evidence is not None:
+            text += f": {nats(one.expected_evidence)} of evidence expected"
+        text += ".</p>"
+    if one.leaves and one.expected_evidence is not None and one.expected_evidence >= SEPARATES:
+        text += f"<p class=note>{escape(leaves_in_words(one))}</p>"
+    return text
+
+
+def _left_out(diagnosis: Diagnosis, name: str) -> str:
+    return f"<p class=note>Left out: {escape(diagnosis.left_out.get(name, 'no result'))}.</p>"
+
+
+def _augmented(diagnosis: Diagnosis) -> str:
+    one = diagnosis.augmented
+    if one is None:
+        return ""
+    items = "".join(f"<li>{escape(line)}</li>" for line in one.changed) or "<li>nothing</li>"
+    items += "".join(f"<li>Not in it: {escape(key)}: {escape(why)}</li>" for key, why in one.left_out.items())
+    name = "rig" if one.run else "system"
+    like = f" with mass, speed and duration of {escape(one.run)}" if one.run else ""
+    return (
+        f"<h2>The {name} with the effects, to be run</h2>"
+        f"<p><code>orchestrator run {escape(one.file)} --out augmented</code> co-simulates the {name}{like}. "
+        f"What differs from the {name} as believed:</p>"
+        f"<ul>{items}</ul>"
+    )
+
+
+def _warnings(diagnosis: Diagnosis) -> str:
+    warnings = [f"{one.place}: {one.what}. {one.remedy}" for one in diagnosis.data]
+    items = "".join(f"<li>{escape(one)}</li>" for one in warnings)
+    return f"<aside><b>About the data</b><ul>{items}</ul></aside>" if items else ""
+
+
+def _calibration(diagnosis: Diagnosis) -> str:
+    rows = ""
+    for name, one in diagnosis.calibration.items():
+        moved = [(one[key] - one["nominal"]) / one["tolerance"] for key in ("fitted", "recalibrated")]
+        cells = f"<td>{_number(one['nominal'], 6)}</td><td>{_number(one['tolerance'])}</td>"
+        cells += "".join(f"<td>{'<b>' if abs(by) > 3 else ''}{by:+.1f}</td>" for by in moved)
+        rows += f"<tr><th>{escape(name)}</th>{cells}</tr>"
+    head = "".join(
+        f"<th>{one}</th>"
+        for one in ("", "as calibrated (SI)", "tolerance", "moved, with effects", "moved, without effects")
+    )
+    return (
+        "<details><summary>Calibration</summary><p class=note>Moves in tolerances; more than 3 in bold.</p>"
+        f"<table><tr>{head}</tr>{rows}</table></details>"
+    )
+
+
+def _assumed(study: Study, diagnosis: Diagnosis) -> list[str]:
+    roles = {role: [run.name for run in study.of(role)] for role in Role}
+    sentences = [
+        f"Fits saw {', '.join(roles[Role.TRAIN])} only; "
+        + (
+            f"closure is measured on {', '.join(roles[Role.HELDOUT])}, and what an answer leaves is looked "
+            "for in all runs, if these can show it."
+            if roles[Role.HELDOUT]
+            else "nothing is held out."
+        ),
+        "A calibrated number deviates from its value by its tolerance, one standard deviation of a normal "
+        "distribution; rigs have small roughness besides, which is not called an effect.",
+        f"Causes are those of a catalogue of {len(catalogue())} effects, alone or together, none of them, or "
+        "one outside the catalogue.",
+        "Probabilities are calibrated on simulated rigs, not on measured ones.",
+    ]
+    return sentences + remarks(diagnosis)
+
+
+def remarks(diagnosis: Diagnosis) -> list[str]:
+    """Remarks on any diagnosis: the numerical error, and what was left out."""
+    omitted = [f"Left out: {name.replace('_', ' ')}: {why}." for name, why in diagnosis.left_out.items()]
+    if diagnosis.numerics is None:
+        return omitted
+    own = []
+    if diagnosis.numerics.fraction is not None:
+        share = percent(diagnosis.numerics.fraction)
+        own.append(f"The co-simulation's own error, by step halving, is {share} of the gap.")
+    change, noise = diagnosis.numerics.replay_change, diagnosis.numerics.replay_noise
+    if change is not None and noise is not None and change > noise:
+        own.append(
+            f"Halving the sub-steps changes the position by {1e3 * change:.2g} mm over complete runs that "
+            "are replayed from their commands: the model with these effects goes another way in time, and "
+            "what it leaves then was not held against them."
+        )
+    return [*own, *omitted]
+
+
+def _assumptions(assumed: Sequence[str]) -> str:
+    items = "".join(f"<li>{escape(one)}</li>" for one in assumed)
+    return f"<h2>What was assumed</h2><ul>{items}</ul>"
+
+
+def _provenance(diagnosis: Diagnosis) -> str:
+    kept = diagnosis.provenance
+    packages = ", ".join(f"{name} {version}" for name, version in (kept.get("packages") or {}).items())
+    sums = dict(kept.get("sha256") or {})
+    for name, one in (kept.get("fmus") or {}).items():
+        sums[f"{name}: {one.get('file') or one.get('model')}"] = str(one.get("checksum"))
+    lines = "".join(
+        f"<tr><td>{escape(name)}</td><td><code>{escape(digest.removeprefix('sha256:'))}</code></td></tr>"
+        for name, digest in sums.items()
+    )
+    return (
+        f"<details><summary>Provenance</summary><p>{escape(str(kept.get('created', '')))}; Python "
+        f"{escape(str(kept.get('python', '')))}, {escape(str(kept.get('platform', '')))}; "
+        f"{escape(packages)}</p>"
+        f"<table>{lines}</table></details>"
+    )

@@ -1,0 +1,126 @@
+"""What is wrong with a log, or worth a warning: single mistakes, as of signs and units, once for all runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sized
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+from pydantic import BaseModel, ConfigDict
+
+from ...base.errors import Problem
+from ...base.units import UnitError, convert, parse_unit
+
+__all__ = ["Mistake", "Warned", "merged_problems", "plural", "wrong_factors", "wrong_scales"]
+
+# What the unit of a column is taken for, by mistake, and the factor that this makes.
+_FACTORS = {
+    -1.0: "its sign is reversed",
+    1e3: "it is 1000 times too large, as if logged in thousandths of its unit",
+    1e-3: "it is 1000 times too small, as if logged in thousands of its unit",
+    1e6: "it is a million times too large, as if logged in millionths of its unit",
+    1e-6: "it is a million times too small, as if logged in millions of its unit",
+    39.37007874015748: "it is 39.37 times too large, as if logged in inches",
+    0.22480894309971052: "it is 4.45 times too small, as if logged in pounds-force",
+}
+
+# The same of any system's ports: units that a value was logged in and taken for, and the factor that this
+# makes. Of 9.81 and 10, which both may help, the one that fits best is reported.
+_PAIRS = {
+    10.0: "mm, not in cm",
+    100.0: "cm, not in m, or in percent, not in 1",
+    60.0: "1/min, not in 1/s, or in s, not in min",
+    180.0 / math.pi: "deg, not in rad",
+    2.0 * math.pi: "rad, not in turns, or in rad/s, not in Hz",
+    30.0 / math.pi: "rpm, not in rad/s",
+    6e4: "L/min, not in m3/s",
+    9.81: "N, not in kgf",
+    1e5: "Pa, not in bar",
+    6894.757293168361: "Pa, not in psi",
+}
+
+# Scales of temperature, which differ by more than a factor.
+_SCALES = ("K", "degC", "degF")
+
+
+class Warned(BaseModel):
+    """Something about the logs that a reader should know."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    place: str
+    what: str
+    remedy: str = ""
+
+
+@dataclass(frozen=True)
+class Mistake(Problem):
+    """A problem of a run without which all fits; the remedy says so. The place is "run: column"."""
+
+
+def wrong_factors(sign: int = 1, unit: str | None = None, pairs: bool = False) -> Iterator[tuple[float, str]]:
+    """Factors by which a column may be too large, its sign included, each with its remedy.
+
+    Args:
+        sign, unit: that a study file gives the column.
+        pairs: whether units that are no power of a thousand apart are meant, too.
+    """
+    correct = _corrected(unit)
+    turn = "Correct its values, or give `sign: -1` in a study file."
+    if sign < 0:
+        turn = "The study file says `sign: -1`: take that out."
+    for factor, text in _FACTORS.items():
+        yield factor, f"All fits if {text}. {turn if factor < 0.0 else correct}"
+    for factor, pair in _PAIRS.items() if pairs else ():
+        yield factor, f"All fits if it is {factor:.4g} times too large, as if logged in {pair}. {correct}"
+        less = f"it is {factor:.4g} times too small, as if it should be in {pair}"
+        yield 1.0 / factor, f"All fits if {less}. {correct}"
+
+
+def wrong_scales(own: str, unit: str | None = None) -> Iterator[tuple[float, float, str]]:
+    """Gain and offset that convert a temperature to another scale, with the remedy.
+
+    Args:
+        own: unit in which the column's values stand by now; unit: that a study file gives the column.
+    """
+    try:
+        scales = {name: convert(parse_unit(name), parse_unit(own)) for name in _SCALES}
+    except UnitError:
+        return
+    for said, meant in permutations(_SCALES, 2):
+        if unit in (None, said):
+            gain = scales[meant][0] / scales[said][0]
+            remedy = f"All fits if its values are in {meant}, not in {said}. {_corrected(unit)}"
+            yield gain, scales[meant][1] - gain * scales[said][1], remedy
+
+
+def _corrected(unit: str | None) -> str:
+    """Where to correct a unit; None: the study file gives none."""
+    if unit is not None:
+        return f"The study file says `unit: {unit}`: correct that."
+    return "Correct the unit in its header, or give `unit` in a study file."
+
+
+def plural(things: Sized) -> str:
+    """Ending of a plural: "s" unless there is one."""
+    return "" if len(things) == 1 else "s"
+
+
+def merged_problems(problems: Iterable[Problem], more: str, kind: type[Problem] = Problem) -> list[Problem]:
+    """Problems, with those of several runs merged if column and remedy are equal.
+
+    Args:
+        more: what is said of further ones, with `{}` for how many and `{s}` for the plural.
+        kind: of those that are reported as one; others are reported one by one.
+    """
+    kinds: dict[object, list[Problem]] = {}
+    for one in problems:
+        column = one.place.partition(": ")[2] or one.place
+        kinds.setdefault((column, one.remedy) if isinstance(one, kind) else id(one), []).append(one)
+    return [
+        replace(first, what=f"{first.what}; {more.format(len(others), s=plural(others))}")
+        if others
+        else first
+        for first, *others in kinds.values()
+    ]
