@@ -145,9 +145,11 @@ def _mentions(tokens: list[Token]) -> Iterator[list[str]]:
 def _classes_of(file: str, tokens: tuple[Token, ...], label: str) -> Iterator[ModelicaClass]:
     prefix = within_clause(tokens)
     stack: list[ModelicaClass] = []
-    position = 0
+    # Of parentheses: what they hold modifies, and defines no class, as in `a(redeclare package P = Q)`.
+    position = depth = 0
     while position < len(tokens):
         token = tokens[position]
+        depth = 0 if token.text == ";" else max(depth + {"(": 1, ")": -1}.get(token.text, 0), 0)
         following = tokens[position + 1] if position + 1 < len(tokens) else None
         if token.kind == "keyword" and token.text == "annotation" and stack:
             end = _closing(tokens, position + 1)
@@ -159,7 +161,8 @@ def _classes_of(file: str, tokens: tuple[Token, ...], label: str) -> Iterator[Mo
                 yield stack.pop()
                 position += 2
                 continue
-        if token.kind == "keyword" and token.text in _CLASS_KEYWORDS and following is not None:
+        opens = token.kind == "keyword" and token.text in _CLASS_KEYWORDS and not depth
+        if opens and following is not None:
             position += 1
             if following.text == "extends":
                 position += 1

@@ -1,4 +1,4 @@
-"""Names that differ in case only are different names (Modelica Language Specification 2.3.1)."""
+"""Which names are one: those that differ in case only are not (Modelica Language Specification 2.3.1)."""
 
 from __future__ import annotations
 
@@ -78,3 +78,52 @@ def test_offsets_in_renamed_sources_lead_back(tmp_path):
     for word in ("N;", "equation", "dE1ay", "end Model"):
         original = text.index(word.replace("dE1ay", "delay"))
         assert tree.restore_offset("Model.mo", seen.index(word)) == original
+
+
+def pipes(parts: str, more: str = "") -> str:
+    return (
+        "model Model\n"
+        "  package Water\n    constant Real c = 2;\n  end Water;\n"
+        "  package Oil\n    extends Water(c = 3);\n  end Oil;\n"
+        "  package Own\n    extends Water;\n  end Own;\n"
+        "  model Pipe\n    replaceable package Medium = Water;\n    input Real u;\n    output Real y;\n"
+        f"  equation\n    y = Medium.c*u;\n  end Pipe;\n{more}"
+        f"  input Real u(start=1);\n{parts}  output Real y = a.y + 10*b.y;\n"
+        "equation\n  a.u = u;\n  b.u = u;\nend Model;\n"
+    )
+
+
+OIL = "(redeclare package Medium = Oil)"
+
+
+@pytest.mark.parametrize(
+    ("parts", "value"),
+    [
+        (f"  Pipe a{OIL};\n  Pipe b{OIL};\n", 33.0),
+        (f"  Pipe a{OIL}, b(redeclare package Medium = Own);\n", 23.0),
+        ("  Pipe a, b;\n", 22.0),
+    ],
+)
+def test_packages_that_modifications_replace_are_no_classes_of_the_model(tmp_path, parts, value):
+    with bench.instance(built(tmp_path, pipes(parts)), u=1.0) as item:
+        item.step(0.1)
+        assert item.get("y") == [value]
+
+
+@pytest.mark.parametrize(
+    ("parts", "more"),
+    [
+        (f"  Pipe a{OIL};\n  Pipe b;\n", ""),
+        (f"  Pipe a{OIL}, b(redeclare package Medium = Water);\n", ""),
+        ("  Other a;\n  Pipe b;\n", f"  model Other = Pipe{OIL};\n"),
+        ("  Other a;\n  Pipe b;\n", f"  model Other\n    extends Pipe{OIL};\n  end Other;\n"),
+        (
+            "  Other a;\n  Pipe b;\n",
+            "  model Other\n    extends Pipe;\n    redeclare package Medium = Oil;\n  end Other;\n",
+        ),
+    ],
+)
+def test_a_package_that_one_component_replaces_and_another_keeps_is_refused(tmp_path, parts, more):
+    """The compiler takes one for both, in silence."""
+    with pytest.raises(BuildError, match="Pipe takes the package Medium = Water here and Oil elsewhere"):
+        built(tmp_path, pipes(parts, more))

@@ -20,6 +20,7 @@ from orchestrator.base.temporary_folders import cache_folder
 from ..compiler import TIME_LIMIT, compile_model
 from ..complaints import CompilerRefusal, explained
 from ..flatten import called_partial, flatten, message_of, syntax_faults
+from ..redeclared import refuse_mixed_packages
 from ..sources import SourceTree, Spans
 from . import adapted as rules
 from .adapted import ANY, ANY_MODEL, Objects, adapted, class_texts, external_objects
@@ -98,6 +99,7 @@ def _forms(
     known = _answers.get(key)
     if known and set(stages) <= known[0].keys():
         return known
+    refuse_mixed_packages(tree, model)
     # Names of a library cannot be changed, so those of the model stay as well.
     with tree.marked_copy(renamed=not libraries) as folder:
         restored = tree.restored if not libraries else str
