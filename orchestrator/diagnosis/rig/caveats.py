@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .headline import MUCH, SUPPORTS, at_ports, chosen_answer, leaves_much, listed_or, percent
+from .headline import MUCH, at_ports, chosen_answer, leaves_much, listed_or, percent
 from .verdict import Diagnosis
 
 __all__ = ["caveats"]
@@ -123,8 +123,6 @@ def _unneeded(diagnosis: Diagnosis) -> str:
             f"{numbers} close {percent(gap.recalibration_only)} of the gap, {deviation}: if its tolerance "
             "can be that wrong, no effect is needed."
         )
-    if gap.over_recalibration is not None and abs(gap.over_recalibration) <= SUPPORTS:
-        return f"{numbers}, {deviation}, do as well on runs that no fit saw: these do not confirm the answer."
     return ""
 
 

@@ -14,10 +14,9 @@ from ...base.errors import OrchestratorError
 from ...base.provenance import origin, versions
 from ...results.file_formats import strict
 from ..study.mistakes import Warned
-from .families import families_of
 from .finding import Finding
 from .study import Nominal
-from .verdict import Diagnosis, Family, Runnable, Share, Verdict, Which, problems_of
+from .verdict import Diagnosis, Runnable, Share, Verdict, Which, problems_of
 
 __all__ = ["AnalysisResults", "content", "named_files", "provenance"]
 
@@ -81,7 +80,6 @@ def content(
             verdict=Verdict(effects=list(finding.effects), places=list(finding.places)),
             where=[Share(place=place, share=share) for place, share in shares],
             which=which,
-            families=_families(which, finding),
             outside_place=finding.outside_place,
             doubtful_tolerances=finding.doubtful_tolerances,
             augmented=augmented,
@@ -124,15 +122,6 @@ def _which(finding: Finding) -> list[Which]:
             ties=list(one.ties),
         )
         for one in shown
-    ]
-
-
-def _families(which: list[Which], finding: Finding) -> list[Family]:
-    """Families of the answers that are reported."""
-    found = families_of(which, finding.kin)
-    return [
-        Family(name=one.name, place=one.place, probability=whole, members=members)
-        for one, (whole, members) in found.items()
     ]
 
 

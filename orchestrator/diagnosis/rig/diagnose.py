@@ -19,14 +19,14 @@ from .content import AnalysisResults, content, named_files, provenance
 from .diagnosed import Diagnosed
 from .finding import Finding
 from .study import Role, Study, case_file, load_study
-from .verdict import AUGMENTED, EXPORTABLE, NAME, PAGE, Diagnosis, Runnable
+from .verdict import AUGMENTED, NAME, PAGE, Diagnosis, Runnable
 
 __all__ = ["STAGES", "diagnose"]
 
 # What is shown of a diagnosis under way, in its order.
 STAGES = ("read", "check", "weigh", "where", "how far", "what next", "numerics", "write")
 # What a diagnosis writes.
-_FILES = (NAME, PAGE, AUGMENTED, EXPORTABLE)
+_FILES = (NAME, PAGE, AUGMENTED)
 # What runs that no fit saw say about something outside the catalogue.
 _JUDGED = "judging_by_held_out_runs"
 

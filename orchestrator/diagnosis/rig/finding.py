@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .effect import Effect
-from .families import Kin
 from .study import Array, Nominal
 
 __all__ = ["NOMINAL", "Augmented", "Candidate", "Finding", "most_probable", "name_of"]
@@ -66,11 +65,10 @@ class Finding:
             signal distinguishes are joined by "+".
         answer_set: names of the most probable answers that hold enough together, see `Calibration.enough`.
         recalibrated: the model without effects, its calibration refitted.
-        doubtful_tolerances: whether calibrated parameters moved farther than their tolerances allow: of a
-            docking rig, while no effect explains it; of other systems, with the answer's effects.
+        doubtful_tolerances: whether calibrated parameters moved farther than their tolerances allow: while
+            no effect explains it.
         misfit: mean square of what the answer leaves, normalised by the noise, by place.
         unjudged: why runs that no fit saw do not say what answers leave; "" if they do, or there are none.
-        kin: what effects are reported together with, by id.
     """
 
     candidates: tuple[Candidate, ...]
@@ -82,7 +80,6 @@ class Finding:
     doubtful_tolerances: bool = False
     misfit: Mapping[str, float] = field(default_factory=dict)
     unjudged: str = ""
-    kin: Mapping[str, Kin] = field(default_factory=dict)
 
     @property
     def answer(self) -> Augmented:

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 from .catalogue import catalogue
-from .families import Kin, kin_of, together
 from .verdict import SUSPECTED, WITHIN, Diagnosis, Experiment, Gap, Which, chance_outside
 
 __all__ = [
     "MUCH",
     "SEPARATES",
-    "SUPPORTS",
     "at_ports",
     "chosen_answer",
-    "families_in_words",
     "headline",
     "leaves_in_words",
     "leaves_much",
@@ -37,17 +33,13 @@ MUCH = 4.0
 _CLOSED = 0.7
 # Error over the noise, on runs that no fit saw, from which the model does not explain the logs.
 _MISFITS = 2.0
-# Log likelihood of held-out runs that supports an answer, or contradicts it if negative [nats].
-SUPPORTS = 3.0
 # A share that is no more is rounding.
 _NOTHING = 1e-7
-# Forms of a cause that are less probable are not worth a word; and how many are named.
-_WORTH, _NAMED = 0.005, 6
 
 
 def headline(diagnosis: Diagnosis) -> str:
     """The verdict in a sentence or two, and whether something outside the catalogue may act instead."""
-    text, outside = _answer(diagnosis) + _likelier(diagnosis), chance_outside(diagnosis.which)
+    text, outside = _answer(diagnosis), chance_outside(diagnosis.which)
     if "outside" in diagnosis.verdict.effects or outside < SUSPECTED or "outside the catalogue" in text:
         return text
     return f"{text} It may be something outside the catalogue instead ({percent(outside)})."
@@ -96,10 +88,6 @@ def _answer(diagnosis: Diagnosis) -> str:
         chance = f"together {percent(whole)}; these logs cannot separate them"
     it = "them" if len(effects) > 1 else effects[0] if among else "it"
     tied_ones, many = "them" if len(effects) > 1 else "it", len(effects) > 1
-    if (forms := _forms(diagnosis)) is not None:
-        it, both, tied_ones = both, " and ".join(forms.named), both
-        named = both if forms.named[0] in effects else both[0].upper() + both[1:]
-        chance, many = forms.chance, len(forms.named) > 1
     share = " part of" if leaves_much(diagnosis) else ""
     text = f"{named} {'cause' if many else 'causes'}{share} the gap ({chance})"
     if gap is not None and _contradicted(gap):
@@ -110,12 +98,6 @@ def _answer(diagnosis: Diagnosis) -> str:
             f"The fitted runs support {both} ({chance}), but on runs that no fit saw "
             f"the gap grows {grows} with {it}: do not rely on this answer"
         )
-    elif gap is not None and (gap.over_recalibration or 0.0) < -SUPPORTS:
-        by = nats(-gap.over_recalibration)
-        text = (
-            f"The fitted runs support {both} ({chance}), but runs that no fit saw are likelier "
-            f"by {by} with other values of calibrated numbers alone: do not rely on this answer"
-        )
     elif gap is not None and gap.within_floor:
         text += "; on runs that no fit saw the gap is within the noise, so that they do not confirm it"
     elif gap is not None and gap.closure is not None:
@@ -125,61 +107,6 @@ def _answer(diagnosis: Diagnosis) -> str:
     if first.ties and not among:
         text += f" These logs cannot separate {tied_ones} from {listed_or(first.ties)}."
     return text
-
-
-class _Forms(NamedTuple):
-    """An answer that is recognised by the families of its effects: which form of them acts is not clear.
-
-    Attributes:
-        named: families, and effects of none; chance: their probability, and that of each form.
-    """
-
-    named: list[str]
-    chance: str
-
-
-def _forms(diagnosis: Diagnosis) -> _Forms | None:
-    """The answer by families, if a family is clear and the answer alone is not; else None."""
-    first, kin = chosen_answer(diagnosis), kin_of(diagnosis.families)
-    whole, members = together(first.effects, diagnosis.which, kin)
-    if first.probability >= _SURE or whole < _SURE:
-        return None
-    own = dict.fromkeys(kin[name] for name in first.effects if name in kin)
-    forms = [_listed_forms(one, {name: members[name] for name in members if kin[name] == one}) for one in own]
-    chance = f"probability {percent(whole)}; these logs do not show which form: {'; '.join(forms)}"
-    named = dict.fromkeys(str(kin.get(name, name)) for name in first.effects)
-    return _Forms(list(named), chance)
-
-
-def _likelier(diagnosis: Diagnosis) -> str:
-    """Sentence if a family is clear, although the answer is another one."""
-    first = chosen_answer(diagnosis)
-    for one in diagnosis.families:
-        if one.probability >= _SURE and not {*first.effects, *first.ties} & set(one.members):
-            forms = _listed_forms(Kin(one.name, one.place), one.members)
-            return (
-                f" Likelier is {one.name} at {one.place}, its forms taken together "
-                f"({percent(one.probability)}: {forms})."
-            )
-    return ""
-
-
-def families_in_words(diagnosis: Diagnosis) -> list[str]:
-    """Probability of each family with several possible forms, with or without other effects."""
-    sentences = []
-    for one in diagnosis.families:
-        members = {name: value for name, value in one.members.items() if value >= _WORTH}
-        if len(members) > 1:
-            kin = Kin(one.name, one.place)
-            sentences.append(f"{kin}, {percent(one.probability)}; which: {_listed_forms(kin, members)}")
-    return sentences
-
-
-def _listed_forms(kin: Kin, members: Mapping[str, float]) -> str:
-    """Forms of a cause and their probabilities, without the place."""
-    worth = [one for one in members.items() if one[1] >= _WORTH] or list(members.items())
-    prefix = f"{kin.place}."
-    return ", ".join(f"{name.removeprefix(prefix)} {percent(value)}" for name, value in worth[:_NAMED])
 
 
 def leaves_much(diagnosis: Diagnosis) -> bool:

@@ -16,7 +16,6 @@ from .finding import Augmented
 from .headline import (
     SEPARATES,
     chosen_answer,
-    families_in_words,
     headline,
     leaves_in_words,
     listed_or,
@@ -112,7 +111,6 @@ def _posterior(diagnosis: Diagnosis, known: Mapping[str, Effect], believed: Mapp
     if len(diagnosis.answer_set) > _NAMED:
         more = len(diagnosis.answer_set) - _NAMED
         answers += f", and {more} more that the logs show too little of to exclude"
-    rows += [f"<p class=note>Together: {escape(one)}</p>" for one in families_in_words(diagnosis)]
     return "".join(rows) + (f"<p class=note>95 % answer set: {escape(answers)}</p>" if answers else "")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .caveats import caveats
 from .diagnosed import Diagnosed
-from .headline import SEPARATES, families_in_words, headline, leaves_in_words, nats, percent
+from .headline import SEPARATES, headline, leaves_in_words, nats, percent
 
 __all__ = ["text"]
 
@@ -24,7 +24,6 @@ def text(made: Diagnosed) -> str:
     for one in found.which[:_LINES]:
         ties = f" (tied with {', '.join(one.ties)})" if one.ties else ""
         lines.append(f"  {percent(one.probability):>12}  {' + '.join(one.effects) or 'no effect'}{ties}")
-    lines += [f"  together: {one}" for one in families_in_words(found)]
     # Where nothing is in excess, shares are those of noise.
     if found.where and (found.verdict.effects or found.doubtful_tolerances):
         shares = ", ".join(

@@ -15,14 +15,12 @@ from ..study.mistakes import Warned
 
 __all__ = [
     "AUGMENTED",
-    "EXPORTABLE",
     "NAME",
     "PAGE",
     "SUSPECTED",
     "WITHIN",
     "Diagnosis",
     "Experiment",
-    "Family",
     "Gap",
     "HowFar",
     "LedgerRow",
@@ -38,7 +36,7 @@ __all__ = [
 
 FORMAT = "gap-diagnosis/1"
 # What is written, by name.
-NAME, PAGE, AUGMENTED, EXPORTABLE = "diagnosis.json", "report.html", "augmented.yaml", "augmented-fmus.yaml"
+NAME, PAGE, AUGMENTED = "diagnosis.json", "report.html", "augmented.yaml"
 # Least probability of something outside the catalogue that is mentioned beside another answer: one in thirty
 # rigs without such an effect reaches it.
 SUSPECTED = 0.2
@@ -84,20 +82,6 @@ class Which(_Part):
     ties: list[str]
 
 
-class Family(_Part):
-    """Effects at one place that are forms of one cause, as laws of dry friction are.
-
-    Attributes:
-        probability: of all answers in which some of them acts, whatever acts beside it.
-        members: of those in which each acts, by id.
-    """
-
-    name: str
-    place: str
-    probability: Probability
-    members: dict[str, Probability]
-
-
 class Verdict(_Part):
     """The answer that the diagnosis names."""
 
@@ -129,14 +113,8 @@ class Gap(_Open):
 
 
 class HowFar(Gap):
-    """One contact ahead; and over complete runs.
+    """One contact ahead; and over complete runs."""
 
-    Attributes:
-        over_recalibration: log likelihood of runs that no fit saw, with the answer over other calibrated
-            numbers alone [nats]; of a docking rig, it is not worked out.
-    """
-
-    over_recalibration: Number | None = None
     full_run: Gap | None = None
 
 
@@ -200,7 +178,6 @@ class Diagnosis(_Part):
     verdict: Verdict
     where: list[Share]
     which: Annotated[list[Which], Field(min_length=1)]
-    families: list[Family] = []
     outside_place: str = ""
     answer_set: list[str]
     doubtful_tolerances: bool
