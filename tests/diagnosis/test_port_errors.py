@@ -162,7 +162,7 @@ def test_a_model_that_runs_away_is_told_before_anything_is_blamed(told):
 
     found = told(change, read)
     assert found.startswith("run-0: the model as configured runs away: controller.voltage from 0.0")
-    assert "it does in 2 more runs\n" in found and "smaller than 0.002 s" in found
+    assert "it does in 2 more runs\n" in found and "step below 0.002 s" in found
 
 
 def test_what_is_in_misspelt_sections_is_told(told):

@@ -1,4 +1,4 @@
-"""Bad data told apart from a bad model: what is wrong with the logs of ports, before anything is blamed."""
+"""Checks of logs before a diagnosis: mistakes in the data as against faults of the model."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
     given = {run.name: replay.signals(run, stops=stops[run.name]) for run in study.runs}
     found = [_mistake(replay, run, given[run.name]) for run in study.runs]
     mistakes = [one for one in found if one is not None]
-    refused = merged_problems(mistakes, "the same in {} more run{s}") + _stray(study, given, stops)
+    refused = merged_problems(mistakes, "the same in {} more run{s}") + _diverging(study, given, stops)
     # Beside a mistake of another kind nothing says about clocks.
     late, doubtful = wrong_clocks(replay, given) if not refused else ([], [])
     return [*refused, *late], [
@@ -65,10 +65,10 @@ def _compared(study: PortStudy, run: PortRun) -> list[Port]:
     return [port for port in study.compared if port in run.logs]
 
 
-def _stray(
+def _diverging(
     study: PortStudy, signals: Mapping[str, Signals], stops: Mapping[str, list[StepError]]
 ) -> list[Problem]:
-    """Runs in which the model as configured runs away, fails or ends: nothing tells then what it lacks.
+    """Runs in which the configured model runs away, fails or ends: the logs do not show then what it lacks.
 
     Args:
         stops: by run, what ended it, if anything did.
@@ -96,8 +96,8 @@ def _stray(
     (name, what), *more = runaways
     what += f"; it does in {len(more)} more run{plural(more)}" if more else ""
     allowed = f"within {_AWAY:g} times what was measured, driven by the same inputs"
-    remedy = "Check its parameters and what is fed; whether the coupling makes it so, a step smaller than "
-    remedy += f"{float(study.prepared.grid.step_size):.4g} s tells."
+    remedy = "Check its parameters and what is fed. If a communication step below "
+    remedy += f"{float(study.prepared.grid.step_size):.4g} s keeps it bounded, the coupling causes it."
     return [*found, Problem(name, f"the model as configured runs away: {what}", allowed, remedy)]
 
 
@@ -220,7 +220,7 @@ def _stuck(study: PortStudy, signals: Mapping[str, Signals]) -> list[Warned]:
                 found.append(Warned(place=place, what=what, remedy="Check the column."))
                 continue
             for one in [*clipped(values), *frozen(values)] if port in study.compared else []:
-                # An axis at rest stands still, too, as its encoder tells it.
+                # The encoder of an axis at rest stands still, too.
                 moved = float(np.ptp(given[port][one.first : one.end]))
                 if not moved <= _REST * float(study.columns[port].noise or 0.0):
                     found.append(Warned(place=place, what=one.what, remedy=one.remedy))

@@ -187,10 +187,10 @@ def _near(study: PortStudy, logs: Signals, given: Signals, before: Mapping[Port,
             for port in ports & set(own):
                 logged = sum(port in one for one in logs.values())
                 total[port] += curves[name, port][shifts[-1] + longest] / logged
-        left = sum(map(_excess, total.values()))
-        left += sum(_excess(one) for port, one in before.items() if port not in ports)
-        if any(shifts) and left < _NEAR * whole:
-            found.append((left, _Clock(ports, np.array(shifts, float), np.zeros(len(shifts)))))
+        rest = sum(map(_excess, total.values()))
+        rest += sum(_excess(one) for port, one in before.items() if port not in ports)
+        if any(shifts) and rest < _NEAR * whole:
+            found.append((rest, _Clock(ports, np.array(shifts, float), np.zeros(len(shifts)))))
     return [one for _, one in sorted(found, key=lambda each: each[0])[:_KEPT]]
 
 

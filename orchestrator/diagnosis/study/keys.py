@@ -23,7 +23,7 @@ FORMAT = "port-study/1"
 
 
 class Role(Enum):
-    """What a run is used for: fits see train, choices validation, too; held-out runs only tell the gap."""
+    """What a run is used for: fits see train and validation runs; held-out runs only measure the gap."""
 
     TRAIN = "train"
     VALIDATION = "validation"

@@ -61,8 +61,8 @@ def read_log(path: Path) -> dict[str, Signal]:
         raise LogError(needs(error.name or str(error))) from None
     except Exception as error:  # whatever a reader trips over in a damaged file
         if path.is_dir():
-            told = f"is a folder, and no ROS bag ({error}); name a file, of {', '.join(_READERS)}"
-            raise LogError(told) from None
+            what = f"is a folder, and no ROS bag ({error}); name a file, of {', '.join(_READERS)}"
+            raise LogError(what) from None
         raise LogError(f"cannot be read: {error}") from None
 
 
@@ -89,7 +89,7 @@ def _table(table: Any, line: int | None = None) -> dict[str, Signal]:
         elif pa.types.is_integer(field.type) or pa.types.is_floating(field.type):
             found[name] = Signal(column.to_numpy().astype(float), unit, line=line)
         else:
-            # Text and dates are no numbers; a signal with a word in it is still one, and told as such.
+            # Text and dates are no numbers; a signal with a word in it is still one, and reported as such.
             written = column.to_pylist()
             values = np.array([_number(one) for one in written], float)
             found[name] = Signal(values, unit, written=written, line=line)
@@ -124,9 +124,9 @@ def _csv(path: Path) -> dict[str, Signal]:
         name_and_unit(one.strip('"'))[0] for one in first.decode(errors="replace").strip().split(delimiter)
     ]
     if names and all(_NUMBER.fullmatch(one) for one in names):
-        told = ", ".join(names[:4])
+        first = ", ".join(names[:4])
         raise LogError(
-            f"has numbers in its first line ({told}); write the columns' names there: `force [N],...`"
+            f"has numbers in its first line ({first}); write the columns' names there: `force [N],...`"
         )
     options = pyarrow.csv.ParseOptions(delimiter=delimiter)
     try:
@@ -138,7 +138,7 @@ def _csv(path: Path) -> dict[str, Signal]:
         raise LogError(f"cannot be read: {error}{hint}") from None
     if not len(table):
         raise LogError("holds a header, and no rows below it")
-    # Empty lines are skipped, and quoted text may hold ends of lines: then rows tell no line.
+    # Empty lines are skipped, and quoted text may hold ends of lines: then row numbers are not those of lines.
     plain = b'"' not in raw and len(table) == raw.rstrip().count(b"\n")
     return _table(table, 2 if plain else None)
 

@@ -31,7 +31,7 @@ from .study import Array
 
 __all__ = ["Inserted", "Player", "between"]
 
-# Tool that made an FMU, as its model description tells.
+# Tool that made an FMU, by its model description.
 _OWN = "orchestrator"
 
 
@@ -232,7 +232,7 @@ class Player:
 
         Gauss-Seidel gives so what passes at once to an output, and what comes from instances that have
         stepped; the log comes as these do. What integrates over the step would be early by half of it instead
-        of late, and by all of it where the log is held. FMUs made of Python tell of no states: that they hold
+        of late, and by all of it where the log is held. FMUs made of Python declare no states: that they hold
         some is recognised by outputs that no input passes to at once.
         """
         about = instance.fmu.description

@@ -64,17 +64,17 @@ def _prepared(sheet: Sheet, model: StudyModel, wrong: frozenset[str]) -> tuple[P
     own = sheet.file.parent / model.system
     source = own if own.is_file() else model.system
     kept = dict(enumerate(model.overrides))
-    told: tuple[str, ...] | None = ("system",)
+    otherwise: tuple[str, ...] | None = ("system",)
     while True:
         try:
             prepared = prepare(source, kept.values(), sheet.file.parent)
             break
         except ConfigError as error:
-            blamed = sheet.of_system(error, kept, ("set",), told)
+            blamed = sheet.of_system(error, kept, ("set",), otherwise)
         if not blamed:
             return None, False
         kept = {number: text for number, text in kept.items() if number not in blamed}
-        told = None  # what is wrong besides may be so for want of what was left out
+        otherwise = None  # what is wrong besides may be so for want of what was left out
     faithful = "set" not in wrong and len(kept) == len(model.overrides)
     if prepared.config.model.run.record != "all":
         prepared = prepare(prepared.config, ["run.record=all"])
@@ -165,7 +165,7 @@ class _Reader:
         return mapping, fed, compared
 
     def _moving(self, runs: tuple[PortRun, ...], compared: tuple[Port, ...], settled: int) -> None:
-        """Tell if nothing moves at any port at which runs of training are compared."""
+        """Report if nothing moves at any port at which runs of training are compared."""
         train = [run for run in runs if run.role is Role.TRAIN]
         logs = [(port, run.logs[port][settled:]) for run in train for port in compared if port in run.logs]
         # A run that is too short to settle is reported as such.

@@ -101,7 +101,7 @@ def read_runs(
 
 
 def _once(problems: Sequence[Problem], logs: Sequence[str]) -> list[Problem]:
-    """Problems; what is the same in several logs is told of the first."""
+    """Problems; what is the same in several logs is reported of the first."""
     kinds: dict[object, list[Problem]] = {}
     for one in problems:
         log = next((log for log in logs if f"{one.place}:".startswith(f"{log}:")), None)
@@ -179,7 +179,7 @@ class _Run:
             self.sheet.add((*self.place, "to"), what, f"up to {log_end:.6g} s", remedy)
             return None
         if not (np.diff(time) >= 0.0).all():
-            self._told_uneven(time, 0)
+            self._report_uneven(time, 0)
             return None
         # Stamps jitter: a sample is taken as at the nearest communication point.
         first, last = np.searchsorted(time, [self.begin - step / 2, self.end - step / 2]).tolist()
@@ -199,10 +199,10 @@ class _Run:
         step = self.columns.step
         assert step is not None
         if not np.isclose(np.diff(time), step, rtol=0, atol=_UNEVEN * step).all():
-            self._told_uneven(time, first)
+            self._report_uneven(time, first)
             return False
         if abs(time[-1] - time[0] - step * (len(time) - 1)) > clock_slack(len(time), step):
-            self._told_clock(time)
+            self._report_clock(time)
             return False
         return True
 
@@ -235,23 +235,23 @@ class _Run:
             row = int(np.argmax(gaps)) + 1
             what = f"row {first + row} comes {time[row] - time[row - 1]:.6g} s after the one before, at "
             what += f"{time[row]:.6g} s; none after it makes up for {gaps[row - 1]:.3g} s: some are missing"
-            self._told_time(what, "Take the run up to there, by `to`, or the one after, by `from`.")
+            self._report_time(what, "Take the run up to there, by `to`, or the one after, by `from`.")
         elif (np.abs(apart - step) > _ANOTHER * step).all():
-            self._told_uneven(time, first)
+            self._report_uneven(time, first)
         else:
-            self._told_clock(time)
+            self._report_clock(time)
         return False
 
-    def _told_clock(self, time: Array) -> None:
-        """Tell that stamps are those of another clock than the step's."""
+    def _report_clock(self, time: Array) -> None:
+        """Report that stamps are those of another clock than the step's."""
         step = self.columns.step
         assert step is not None
         mean = float(time[-1] - time[0]) / (len(time) - 1)
         remedy = f"Set run.step_size under `set`, or `interval`, so that samples are {mean:.6g} s apart; or "
-        self._told_time(clock_of_stamps(time, step), remedy + "correct the clock that the stamps are of.")
+        self._report_time(clock_of_stamps(time, step), remedy + "correct the clock that the stamps are of.")
 
-    def _told_uneven(self, time: Array, first: int) -> None:
-        """Tell that samples are not apart as they should be, and where; first: number of the first row."""
+    def _report_uneven(self, time: Array, first: int) -> None:
+        """Report that samples are not apart as they should be, and where; first: number of the first row."""
         step, apart = self.columns.step, np.diff(time)
         assert step is not None
         usual, row = float(np.median(apart)), int(np.argmax(np.abs(apart - np.median(apart))))
@@ -260,15 +260,15 @@ class _Run:
         parts = round(usual / step)
         if parts > 1 and abs(usual - parts * step) <= _UNEVEN * step:
             remedy = f"Set the study's interval, `interval: {parts * step:.6g} s`, or resample the log."
-        for factor, told in _CLOCKS.items():
+        for factor, unit in _CLOCKS.items():
             if abs(factor * usual - step) <= _UNEVEN * step:
-                remedy = f"All fits if the log's clock counts in {told}: correct the unit of time."
+                remedy = f"All fits if the log's clock counts in {unit}: correct the unit of time."
         if abs(usual - step) <= _UNEVEN * step:
             wrong = int(np.sum(np.abs(apart - step) > _UNEVEN * step))
             what = f"row {first + row + 1} comes {apart[row]:.6g} s after the one before; {wrong} such in all"
             remedy = "Take the run up to there, by `to`, or the one after, by `from`; or resample the log."
-        self._told_time(what, remedy)
+        self._report_time(what, remedy)
 
-    def _told_time(self, what: str, remedy: str) -> None:
+    def _report_time(self, what: str, remedy: str) -> None:
         allowed = f"the communication step of the system, or the study's interval, {self.columns.step:.6g} s"
         self.sheet.problems.append(Problem(f"{self.path}: time", what, allowed, remedy))

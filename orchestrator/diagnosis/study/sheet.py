@@ -37,8 +37,8 @@ class Sheet:
         try:
             text = file.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            told = error.strerror if isinstance(error, OSError) else "it is no text"
-            raise ConfigError([Problem(str(file), f"cannot be read: {told}")]) from None
+            reason = error.strerror if isinstance(error, OSError) else "it is no text"
+            raise ConfigError([Problem(str(file), f"cannot be read: {reason}")]) from None
         self.data, self.places, twice = compose(text, str(file))
         self.problems += [problem for _, problem in twice]
         if not isinstance(self.data, dict):
@@ -112,7 +112,7 @@ class Sheet:
 
         Args:
             overrides: that were made to the system, by their numbers; changed: where they stand.
-            otherwise: where that stands which brings in all other problems; None: these are not told.
+            otherwise: where that stands which brings in all other problems; None: these are not reported.
         Returns: numbers of the overrides that are blamed.
         """
         blamed = set()
