@@ -138,7 +138,7 @@ def _csv(path: Path) -> dict[str, Signal]:
         raise LogError(f"cannot be read: {error}{hint}") from None
     if not len(table):
         raise LogError("holds a header, and no rows below it")
-    # Empty lines are skipped, and quoted text may hold ends of lines: then row numbers are not those of lines.
+    # Empty lines are skipped, and quoted text may hold ends of lines. Row numbers then differ from lines.
     plain = b'"' not in raw and len(table) == raw.rstrip().count(b"\n")
     return _table(table, 2 if plain else None)
 
