@@ -53,7 +53,7 @@ def flatten(tree: SourceTree, model: str) -> tuple[Json, dict[int, str]]:
             f"Modelica compiler: rumoca {installed} is installed, its representation is known for "
             f"{RUMOCA_VERSION} only; run `pip install rumoca=={RUMOCA_VERSION}`"
         )
-    refuse_large_sizes(tree)
+    refuse_large_sizes(tree, model)
     refuse_mixed_packages(tree, model)
     with tree.marked_copy() as folder:
         answer = compile_model(tree, model, folder, ("flat", "dae"), restored=tree.restored)

@@ -14,6 +14,7 @@ from operator import add, mul, sub
 
 from orchestrator.base.errors import BuildError
 
+from .classes import used_classes
 from .lexer import Token, tokenise
 from .sources import SourceTree
 
@@ -30,9 +31,10 @@ _Given = dict[str, list[Sequence[Token]]]
 _OPEN, _CLOSE = frozenset("([{"), frozenset(")]}")
 
 
-def refuse_large_sizes(tree: SourceTree) -> None:
-    """Refuse ranges and sizes that no memory holds. Raises: BuildError."""
-    files = {path: tokenise(text, tree.shown(path)) for path, text in tree.texts.items()}
+def refuse_large_sizes(tree: SourceTree, model: str) -> None:
+    """Refuse ranges and sizes that no memory holds, in files that a model may use. Raises: BuildError."""
+    used = {one.file for one in used_classes(tree.classes, model)} if model in tree.classes else {*tree.texts}
+    files = {path: tokenise(tree.texts[path], tree.shown(path)) for path in sorted(used)}
     modified: dict[str, float] = {}
     known = {path: _Values(tokens, modified) for path, tokens in files.items()}
     found = [one.modifications() for one in known.values()]

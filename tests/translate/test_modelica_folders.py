@@ -9,6 +9,7 @@ import pytest
 from orchestrator.base.errors import BuildError
 from orchestrator.translate.build import build
 from orchestrator.translate.package import PLATFORMS, named_platforms
+from orchestrator.translate.sizes import refuse_large_sizes
 from orchestrator.translate.sources import load_sources
 
 TANK = """within Plant.Parts;
@@ -144,3 +145,16 @@ def test_large_numbers_that_are_no_sizes_are_taken(declared, tmp_path):
     (tmp_path / "M.mo").write_text(f"model M\n  {declared}\n  {state}\nend M;\n")
     build(tmp_path / "M.mo", tmp_path / "M.fmu", platforms=())
     assert (tmp_path / "M.fmu").is_file()
+
+
+def test_sizes_are_judged_in_the_files_that_a_model_may_use(tmp_path):
+    """Not in a whole library around it, which takes seconds to read."""
+    folder = tmp_path / "Pack"
+    folder.mkdir()
+    (folder / "package.mo").write_text("package Pack\nend Pack;\n")
+    (folder / "Used.mo").write_text("within Pack;\nmodel Used\n  Real x = time;\nend Used;\n")
+    (folder / "Huge.mo").write_text("within Pack;\nmodel Huge\n  Real x[200000];\nend Huge;\n")
+    tree = load_sources(folder / "Used.mo")
+    refuse_large_sizes(tree, "Pack.Used")
+    with pytest.raises(BuildError, match=r"Huge\.mo:3: a size of 200,000 is too large"):
+        refuse_large_sizes(tree, "Pack.Huge")
