@@ -176,7 +176,8 @@ class StreamedColumns(Mapping[str, Array]):
         self._names = tuple(schema.names)
         self.units = {one.name: (one.metadata or {}).get(b"unit", b"").decode() for one in schema}
         self.metadata = {key.decode(): text.decode() for key, text in (schema.metadata or {}).items()}
-        self.types = {one.name: np.dtype(one.type.to_pandas_dtype()) for one in schema}
+        # Not by the type's to_pandas_dtype, which older versions of pyarrow have with pandas only.
+        self.types = {name: _numpy_type(schema.field(name)) for name in self._names}
         self._number = {name: number for number, name in enumerate(self._names)}
         self._held: WeakValueDictionary[str, Array] = WeakValueDictionary()
         # Columns that were read ahead, the number of the next one to read, how many the last pass read.
@@ -254,6 +255,12 @@ class StreamedColumns(Mapping[str, Array]):
         """Count the file's pages no longer as this process's memory; they come back when they are touched."""
         if hasattr(self._memory, "madvise"):
             self._memory.madvise(mmap.MADV_DONTNEED)
+
+
+def _numpy_type(field: pa.Field) -> np.dtype[Any]:
+    import pyarrow as pa
+
+    return pa.array([], field.type).to_numpy(zero_copy_only=False).dtype
 
 
 def _mapped(file: BinaryIO) -> mmap.mmap:
