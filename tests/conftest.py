@@ -150,7 +150,6 @@ _LONGEST = (
     "diagnosis/test_residual_evidence.py::test_frames_that_stand_elsewhere_each_time_are_outside",
     "diagnosis/test_outside_place.py::test_oddities_are_found_where_they_act[robot.encoder-walk-robot]",
     "diagnosis/test_outside_place.py::test_oddities_are_found_where_they_act[robot.vibration-robot]",
-    "diagnosis/test_real_systems.py::test_the_drive_lacks_dry_friction",
     "diagnosis/test_robot_limits.py::test_a_deep_limit_leaves_little[names1-1.0-7-4]",
     "diagnosis/test_robot_limits.py::test_what_contacts_do_that_are_elsewhere_is_no_noise_of_the_force",
     "diagnosis/test_weigh.py::test_labelled_cases[case-009]",
