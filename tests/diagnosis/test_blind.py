@@ -16,6 +16,7 @@ from orchestrator.diagnosis.blind.draw import Drawing, draw
 from orchestrator.diagnosis.blind.hidden import named
 from orchestrator.diagnosis.blind.parts import PARTS
 from orchestrator.diagnosis.blind.plant import Drawn, Drive, simulate
+from orchestrator.diagnosis.blind.run import Order, check
 from orchestrator.diagnosis.blind.score import calibration_error, scored, summary, summary_text
 
 
@@ -227,3 +228,17 @@ def test_a_lag_and_a_delay_begin_at_their_signal() -> None:
         assert law is not None and law.index == index
         found = simulate(plant, drive, plant.nominal, steady, [law], np.array([0.01, 0.1]))
         assert np.abs(found[:, 0] - steady[0]).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("seed", "law"), [(207, "saturation"), (227, "overflow")], ids=["limit of a signal", "overflow of a level"]
+)
+def test_laws_with_thresholds_are_found_where_signals_do_not_pass_zero(
+    seed: int, law: str, tmp_path: Path
+) -> None:
+    """A valve's command and a tank's level, whose means are many times their spread."""
+    pytest.importorskip("casadi")
+    check(Order(tmp_path, [seed]), 1)
+    score = json.loads((tmp_path / f"case-{seed}" / "score.json").read_text(encoding="utf-8"))
+    assert [one.split(" at ")[0] for one in score["hidden"]] == [law]
+    assert score["right"] and score["closed"] > 0.99, score["said"]

@@ -91,7 +91,10 @@ def headline(found: Answer) -> str:
         return "nothing is missing beyond the calibrated parameters and the start states"
     if found.verdict == "outside":
         where = f", near {found.places[0].place.name}" if found.places else ""
-        return f"something is missing that the library does not hold{where}"
+        nearest = " + ".join(one.name for one in found.fitted.laws) if found.fitted else ""
+        return f"something is missing that the library does not hold{where}" + (
+            f"; the nearest laws are {nearest}" if nearest else ""
+        )
     assert found.fitted is not None
     laws = " + ".join(one.name for one in found.fitted.laws)
     chance, whole = 100 * found.probability, 100 * _family(found)

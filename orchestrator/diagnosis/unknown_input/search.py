@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 from typing import Any
@@ -53,6 +53,11 @@ _OUTSIDE = 0.6
 _LIKELY = 0.02
 # Samples that are enough for a search, and noises by which simulations with fewer may differ.
 _ENOUGH, _SAME_SIMULATION = 3000, 0.1
+
+
+_NOTHING = Fitted((), np.zeros(0), np.zeros(0), 0.0, (np.zeros(0), np.zeros((0, 0))))
+# Least share of the gap that the nearest laws close on held-out runs to be stated.
+_HINT = 0.1
 
 
 @dataclass(frozen=True)
@@ -312,8 +317,8 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
                     rare = search.scores(one[0].laws, one[1], late=True).candidates
                     every += search.tried([[two] for two in spread_out(rare, _BESIDE, 1)], one)
                 every += search.alone(every)
-            least = min(one.remains for _, one in every)
-            if model.filters and least > _LOST * _spread(search.runs) and not search.explained(every):
+            lost = search.base.remains > _LOST * _spread(search.runs)
+            if model.filters and lost and not search.explained(every):
                 every += search.filtered()
         weighed = search.weighed(every)
         chosen = _simplest(search, weighed)
@@ -442,12 +447,17 @@ def _judged(
         f"{model.parameters[k]} leaves its tolerance: {values[k]:.4g} instead of {model.nominal[k]:.4g}."
         for k in search.far(values)
     ]
+    nearest = best
+    if verdict == "outside" and not best.laws:
+        nearest, hint = _nearest(held, weighed, calibrated.remains)
+        remarks += hint
     twins = [two for one in best.laws for two in search.twins.get(one.name, [])]
+    probability *= _among(best, search.twins)
     places, estimate = _estimate(search) if verdict == "outside" and model.filters else ([], None)
     remains = judged.remains if verdict == "law" else calibrated.remains
     units = {str(port): study.unit(port) for port in (*model.states, *model.inputs, *model.outputs)}
     return Answer(
-        verdict, best if best.laws else None, probability, rivals, twins, parameters, places, estimate,
+        verdict, nearest if nearest.laws else None, probability, rivals, twins, parameters, places, estimate,
         gap.remains, calibrated.remains, remains, closed(gap.remains, remains), share, traces,
         _experiments(search, weighed, chosen, rivals) if verdict == "law" else [], units, remarks,
     )  # fmt: skip
@@ -475,6 +485,31 @@ def _verdict(search: _Search, best: Fitted, shrunk: float, share: float) -> tupl
             "spread. No law of the library explains it."
         ]
     return "none", []
+
+
+def _nearest(
+    held: Runs, weighed: Sequence[tuple[Fitted, Polished, float]], calibrated: float
+) -> tuple[Fitted, list[str]]:
+    """The likeliest laws, although they explain too little, and a remark; none that held-out runs refuse."""
+    for one, found, _ in weighed:
+        if one.laws and (len(one.laws) < 2 or _significant(one)):
+            remains = replayed(held, [law.inserted for law in one.laws], found.constants).remains
+            share = closed(calibrated, remains)
+            if share < _HINT:
+                break
+            names = " + ".join(law.name for law in one.laws)
+            return one, [f"The nearest laws close {100 * share:.0f} % of the calibrated gap there: {names}."]
+    return _NOTHING, []
+
+
+def _among(best: Fitted, twins: Mapping[str, Sequence[Candidate]]) -> float:
+    """Share of the answer among laws of other families that act the same on these logs."""
+    share = 1.0
+    for one in best.laws:
+        others = {two.law.family: two.law.odds for two in twins.get(one.name, ())}
+        others.pop(one.law.family, None)
+        share *= one.law.odds / (one.law.odds + sum(others.values()))
+    return share
 
 
 def _rivals(
