@@ -100,6 +100,8 @@ def _dimension(model: StateModel, place: Place) -> str:
     else:
         at = (nx if place.kind is Kinds.INPUT else nx + nu) + place.index
         found = dimension(_unit(model, at))
+        if found == "temperature":
+            return "potential"  # heat flows into its derivative, not into a temperature that is given
     if found == "rate" and ("travel" not in states or "force" in inputs):
         return "speed"
     return found

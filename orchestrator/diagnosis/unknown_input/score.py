@@ -139,7 +139,12 @@ def scored(
 
 
 def _rather(one: Candidate, other: Candidate) -> bool:
-    """Whether a place names the same law better: an input before an output, both before a derivative."""
+    """Whether a law that acts the same is likelier, or its place names it better.
+
+    An input comes before an output, both before a derivative.
+    """
+    if one.law is not other.law:
+        return one.law.odds > other.law.odds
     order = (Kinds.INPUT, Kinds.OUTPUT, Kinds.RATE)
     near = one.place.component == other.place.component
-    return near and one.law is other.law and order.index(one.place.kind) < order.index(other.place.kind)
+    return near and order.index(one.place.kind) < order.index(other.place.kind)

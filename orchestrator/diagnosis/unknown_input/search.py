@@ -15,6 +15,7 @@ from ...base.errors import ConfigError
 from ..study.study import PortStudy, Role
 from .judge import closed, likely, replayed
 from .law_fit import Candidate, Fitted, fit, readable, screened, spread_out
+from .laws import Number
 from .model import StateModel
 from .places import Ranked, Runs, rank, smoothed_at
 from .played import PlayedModel
@@ -25,14 +26,14 @@ from .separate import Experiment, Simulable, separating
 __all__ = ["Answer", "answer"]
 
 Array = NDArray[np.float64]
-# Laws that are fitted by a few steps, and of these the ones that are fitted to the end.
-_TRIED, _KEPT, _STEPS, _RIVALS = 12, 3, 5, 4
+# Laws that are fitted by a few steps, how often the same one, and of these those that are fitted to the end.
+_TRIED, _EACH, _KEPT, _STEPS, _RIVALS = 12, 2, 3, 5, 4
 # Laws that are tried late, and fitted to the end.
 _LATE, _LATE_KEPT = 8, 1
 # Fits that leave more than this many times the best are not carried on.
 _BEHIND = 1.6
 # The logs are explained where this much of the noise is left.
-_EXPLAINED, _MOST = 1.1, 0.98
+_EXPLAINED, _MOST = 1.1, 0.995
 # A second law must close this share of what the first leaves, and gain so many nats.
 _HALF, _LEAST = 0.5, 10.0
 # Families that are extended by a second law, and laws tried beside each.
@@ -44,6 +45,8 @@ _LOST = 0.25
 # Tolerances by which a parameter may change before an answer needs a reason for it.
 _FAR = 3.0
 _NEAR, _PLACES = 0.5, 8
+# Share of a signal's range below which a threshold is none.
+_EDGE = 0.05
 # Learned on random systems (`orchestrator challenge --random`, seeds 0 to 19): nats that count as one, and
 # how often answers were wrong that leave at most so many times the noise on held-out runs; or more than that.
 _TEMPERATURE, _NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR = 2.9, 1.5, 0.054, 0.467
@@ -146,8 +149,15 @@ class _Search:
 
     def _sound(self, one: Fitted) -> bool:
         """Whether numbers stay within what makes a law this law."""
+        low, high, spread = self.runs.low, self.runs.high, self.runs.spread
+
+        def sound(number: Number, value: float, signal: int) -> bool:
+            edge = _EDGE * (high[signal] - low[signal])
+            inside = low[signal] + edge < value < high[signal]
+            return abs(value) <= number.most * spread[signal] and (inside or not number.within)
+
         return all(
-            abs(value) <= number.most * self.runs.spread[law.inserted.signals[0]]
+            sound(number, value, law.inserted.signals[0])
             for law, values, _ in one.by_law()
             for number, value in zip(law.law.numbers, values, strict=True)
         )
@@ -196,6 +206,34 @@ class _Search:
             )
             for law, values, _ in best.by_law()
         ]
+
+    def within_tolerance(self, found: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished]]:
+        """Other laws in place of the best single one, if that needs a parameter beyond its tolerance.
+
+        They begin with its numbers, and with such parameters as configured. A stop without a spring is a dead
+        band.
+        """
+        singles = [one for one in found if len(one[0].laws) == 1]
+        if not singles:
+            return []
+        best, polished = min(singles, key=lambda each: each[1].remains)
+        far = self.far(polished.constants)
+        if not far:
+            return []
+        nominal = polished.constants[: len(self.model.nominal)].copy()
+        nominal[far] = self.model.nominal[far]
+        law, made = best.laws[0], []
+        for one in readable(self.model, law.place):
+            if one.signal == law.signal and one.law is not law.law and one.law.linear:
+                if len(one.law.numbers) == len(best.numbers):
+                    made += [
+                        self.fitted(
+                            (one,), np.r_[nominal, sign * best.numbers[0], best.numbers[1:]],
+                            polished.starts, 12, None,
+                        )
+                        for sign in (1.0, -1.0)
+                    ]  # fmt: skip
+        return made
 
     def to_the_end(self, one: tuple[Fitted, Polished]) -> tuple[Fitted, Polished]:
         """A fit carried on with all samples; by exact derivatives if something is left."""
@@ -297,7 +335,7 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
         if search.base.remains > 1.0:
             progress("laws")
             scores = search.scores((), search.base)
-            singles = search.tried([[one] for one in scores.candidates[:_TRIED]])
+            singles = search.tried([[one] for one in spread_out(scores.candidates, _TRIED, _EACH)])
             every += singles
             if not search.explained(every):
                 progress("rarer laws")
@@ -317,6 +355,7 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
                     rare = search.scores(one[0].laws, one[1], late=True).candidates
                     every += search.tried([[two] for two in spread_out(rare, _BESIDE, 1)], one)
                 every += search.alone(every)
+            every += search.within_tolerance(every)
             lost = search.base.remains > _LOST * _spread(search.runs)
             if model.filters and lost and not search.explained(every):
                 every += search.filtered()

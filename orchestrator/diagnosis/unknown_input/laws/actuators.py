@@ -99,6 +99,7 @@ LAWS = [
         kinds=(1, 3),
         modelica="y = factor*u*abs(u);",
         sentence="A gain that changes with the command.",
+        odds=0.5,
     ),
     Law(
         "lag",

@@ -16,7 +16,7 @@ def _overflow(t, s, n, z, out):
 
 
 def _radiation(t, s, n, z, out):
-    out[0] = n[0] * 5.670374419e-8 * s[0] ** 4
+    out[0] = n[0] * 5.670374419e-8 * (s[0] ** 4 - n[1] ** 4)
 
 
 def _loss(t, s, n, z, out):
@@ -61,7 +61,7 @@ LAWS = [
     Law(
         "overflow",
         "overflow",
-        (Number("factor", "w/u"), Number("level", "u", (0.4, 0.7, 0.9), "range")),
+        (Number("factor", "w/u"), Number("level", "u", (0.4, 0.7, 0.9), "range", within=True)),
         _overflow,
         "any",
         kinds=(2,),
@@ -72,7 +72,7 @@ LAWS = [
     Law(
         "loss",
         "loss",
-        (Number("factor", "w/u"), Number("surroundings", "u", (0.0, 1.0))),
+        (Number("factor", "w/u"), Number("surroundings", "u", (-3.0, 0.0), "range")),
         _loss,
         "any",
         kinds=(1, 2),
@@ -83,12 +83,12 @@ LAWS = [
     Law(
         "radiation",
         "radiation",
-        (Number("factor", "w/u4"),),
+        (Number("factor", "w/u4"), Number("surroundings", "u", (0.0,), "range", positive=True)),
         _radiation,
         "temperature",
         kinds=(1, 2),
         at="flow",
-        modelica="y = factor*5.670374419e-8*u^4;",
+        modelica="y = factor*5.670374419e-8*(u^4 - surroundings^4);",
         sentence="Heat radiated by a hot body.",
     ),
     Law(
@@ -133,7 +133,7 @@ LAWS = [
     Law(
         "boiling limit",
         "overflow",
-        (Number("factor", "w/u"), Number("limit", "u", (0.75, 0.95), "range")),
+        (Number("factor", "w/u"), Number("limit", "u", (0.75, 0.95), "range", within=True)),
         _overflow,
         "temperature",
         kinds=(2,),

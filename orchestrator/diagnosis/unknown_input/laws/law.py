@@ -63,6 +63,7 @@ class Number:
             value; "second range" likewise.
         most: largest size, times the signal's spread; a fit beyond it is another law.
         positive: whether its sign means nothing.
+        within: whether it lies within the signal's range; a fit beyond it is another law.
     """
 
     name: str
@@ -71,6 +72,7 @@ class Number:
     by: str = "spread"
     most: float = math.inf
     positive: bool = False
+    within: bool = False
 
     @property
     def word(self) -> str:
