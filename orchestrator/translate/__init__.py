@@ -5,7 +5,7 @@ What a Modelica model of the explicit route may hold:
 - Real, Integer and Boolean variables and arrays of them; constants, parameters, parameters and start values
   that depend on parameters; components, connectors and connections, inheritance, replaceable classes.
 - Equations, for-loops and if-equations; `der`, `delay` with two or three arguments and with any delay time,
-  zero and state-dependent ones included; `time`; `noEvent`, `smooth`, `homotopy`; `abs`, `sign`, `min`,
+  zero and state-dependent ones included; `time`; `noEvent`, `smooth`; `abs`, `sign`, `min`,
   `max`, `sqrt`, trigonometric, hyperbolic and exponential functions; `floor`, `ceil`, `integer`, `mod`, `rem`
   and `div` within `noEvent`; `sum`, `product`, `size`, `fill`, `zeros`, `ones`, `transpose`, matrix products.
 - Relations, which raise events outside `noEvent`; linear algebraic loops; `assert` in the equation section.

@@ -286,9 +286,6 @@ class ExpressionReader:
             # An expression that is smooth needs no event, but an event does no harm.
             case "Smooth", [_, value]:
                 return value
-            # The simplified expression only helps a solver to its first solution; none is solved here.
-            case "Homotopy", [value, _]:
-                return value
             case (("Min" | "Max"), [value]) if value.size:
                 return scalar_node(
                     reduce(lambda one, other: Operation(name.lower(), (one, other)), value.flat)

@@ -12,6 +12,7 @@ from itertools import pairwise
 
 from ..classes import within_clause
 from ..lexer import Token, tokenise
+from .algorithms import as_equations
 
 Objects = Mapping[str, Sequence[tuple[str, str, str]]]
 __all__ = ["ANY", "ANY_MODEL", "CALL", "MARK", "adapted", "class_texts", "external_objects", "function_body"]
@@ -85,6 +86,7 @@ def adapted(
         (any(one in text for one in objects or ()), lambda *all_of: _objects(*all_of, objects or {})),
         (bool(re.search(r"\bderivative\s*[=(]", text)), _annotated),
         (functions and bool(re.search(r"\b(while|break|return)\b", text)), _functions),
+        (bool(re.search(r"\balgorithm\b", text) and re.search(r"\bwhen\b", text)), _algorithms),
         (bool(re.search(r"\bencapsulated\s+partial\s+model\b", text)), _lifted),
         (
             any(
@@ -381,6 +383,40 @@ def _names(tokens: Sequence[Token], begin: int, end: int) -> list[str]:
             found.append(tokens[place + 1].text)
         place += 1
     return found
+
+
+# Algorithms
+
+
+_SECTIONS = frozenset("equation algorithm initial public protected annotation external".split())
+
+
+def _algorithms(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Iterator[_Edit]:
+    """Algorithm sections with when-statements that depend on each other become equations."""
+    for one in _all(classes):
+        own = list(_own(one)) if one.kind in ("model", "block", "class") else []
+        for number, place in enumerate(own):
+            if tokens[place].text != "algorithm" or tokens[place - 1].text == "initial":
+                continue
+            last = number + 1
+            while last < len(own) and not _begins_section(tokens, own[last]):
+                last += 1
+            if own[last - 1] - place != last - 1 - number:  # a class stands within
+                continue
+            content = as_equations(tokens[place + 1 : own[last - 1] + 1])
+            if content is not None:
+                old = _slice(text, tokens, place, own[last - 1])
+                end = _end_of(tokens[own[last - 1]])
+                yield _Edit(tokens[place].start, end, _lines_kept(old, f"equation {content}"))
+
+
+def _begins_section(tokens: Sequence[Token], place: int) -> bool:
+    word = tokens[place].text
+    if word not in _SECTIONS or tokens[place].kind != "keyword":
+        return False
+    if word == "initial":
+        return tokens[place + 1].text in ("equation", "algorithm")
+    return True
 
 
 # Derivatives of functions

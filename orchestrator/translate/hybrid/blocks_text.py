@@ -173,6 +173,8 @@ class _Text:
                 return "time"
             case "initial":
                 return "initial()"
+            case "homotopy":
+                return "share of the actual equations"
             case "mode":
                 return self._full(self._model.modes[one.args[1]], level, [200])
             case "pre":

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 from ..package import TOKEN_MARK, c_string
 from . import expression as ex
@@ -11,6 +12,7 @@ from .adapted import MARK
 from .dae import Scalar
 from .expression import Expr
 from .functions import function_code
+from .sparsity import colours_of, columns_of, factors_of
 from .structure import Block, System
 from .tables import table_code
 
@@ -169,7 +171,7 @@ class _Writer:
 
     def reference(self, one: Expr) -> str:
         layout, kind = self._layout, one.args[0]
-        if kind in ("t", "initial"):
+        if kind in ("t", "initial", "homotopy"):
             return f"h->{kind}"
         if kind == "mode":
             return f"h->z[{layout.mode_slot + one.args[1]}]"
@@ -528,6 +530,20 @@ def _tables(layout: Layout) -> str:
         _array("int", "action_kinds", (_KINDS[one.kind] for one in reported)),
         _array("char *const", "messages", (c_string(one.message) for one in reported)),
     ]
+    columns = columns_of(system)
+    colours, factors = colours_of(columns), factors_of(columns)
+    starts = [0, *accumulate(map(len, columns))]
+    arrays += [
+        _array("int", "colours", colours),
+        _array("int", "column_starts", starts),
+        _array("int", "rows", (row for rows in columns for row in rows)),
+    ]
+    if factors is not None:
+        parts = [factors.order, factors.starts, factors.columns, factors.diagonals, factors.entries]
+        names = ["factor_order", "factor_starts", "factor_columns", "factor_diagonals", "factor_entries"]
+        arrays += [_array("int", name, values) for name, values in zip(names, parts, strict=True)]
+        fields = ", ".join([str(len(factors.columns)), *names])
+        arrays.append(f"static const HybridFactors factors = {{{fields}}};")
     arrays = [line.replace("{0}", '{""}') if "char" in line else line for line in arrays]
     values = [
         layout.n_z, len(system.states), "states", "slopes", "nominals", "N_block", "N_initial", "block_table",
@@ -539,8 +555,17 @@ def _tables(layout: Layout) -> str:
         layout.warned_slot, "action_kinds", "messages", len(system.constraints),
         layout.done_slot, layout.size_slot, len(margins_of(model.modes)),
         layout.use_slot, layout.use_slot + 1, layout.use_slot + 2,
+        int(any(ex.symbol("homotopy") in one.free for one in _initial_expressions(system))),
+        max(colours, default=-1) + 1, "colours", "column_starts", "rows", "&factors" if factors else "0",
     ]  # fmt: skip
     return "\n".join([*arrays, f"const HybridInfo hybrid_info = {{{', '.join(map(str, values))}}};"])
+
+
+def _initial_expressions(system: System) -> Iterator[Expr]:
+    for block in system.initial_blocks:
+        yield from (*block.residuals, *(value for _, value in block.inner))
+        if block.value is not None:
+            yield block.value
 
 
 def margins_of(modes: Sequence[Expr]) -> list[Expr]:

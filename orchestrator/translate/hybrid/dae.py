@@ -324,6 +324,9 @@ class _Reader:
         clocks = [self._clock(one["kind"]) for one in self._s["clocks"]]
         instants = [self._ratio(one["instant"]) for one in self._s["time_events"] if "instant" in one]
         expand_derivatives(self._name, scalars, equations)
+        for one, place in zip([*equations, *initial], [*origins, *initial_origins], strict=False):
+            for text in (symbol.args[1] for symbol in one.free if symbol.args[0] == "text"):
+                raise placed(_refuse(self._name, f"the text {text!r} in an equation"), place)
         return DaeModel(
             self._name, scalars, equations, initial, values, discretes, actions, conditions, self._modes,
             clocks,
@@ -567,7 +570,7 @@ class _Reader:
             case "literal":
                 ((sort, value),) = content.items()
                 if sort == "string":
-                    raise _refuse(self._name, f"the text {value!r} in an equation")
+                    return ex.symbol("text", str(value))
                 return ex.number(float(value))
             case "coordinate":
                 return self._coordinate(content, bound)
@@ -670,9 +673,20 @@ class _Reader:
         raise _refuse(self._name, f"the operator {operator}")
 
     def _relation(self, op: str, a: Expr, b: Expr) -> Expr:
+        a, b = self._told(a), self._told(b)
+        if op in ("eq", "ne") and a.op == b.op == "sym" and a.args[0] == b.args[0] == "text":
+            return ex.number((a is b) == (op == "eq"))
         made = ex.logical(op, a, b)
         # Of discrete values and parameters alone a relation changes at events only, by itself.
         return self._held(made) if made.op == op and self._events and self._moves(made) else made
+
+    def _told(self, one: Expr) -> Expr:
+        """The text that a String parameter or constant stands for; anything else as it is."""
+        if one not in self._strings or self._scalars[one.args[1]].role != "parameter":
+            return one
+        place = next(n for n, places in enumerate(self._elements) if one in places.ravel())
+        binding = self._s["variables"][place]["attributes"].get("binding")
+        return one if binding is None else self._told(self._one(binding))
 
     def _moves(self, made: Expr) -> bool:
         continuous = ("state", "algebraic", "input", "output")
@@ -711,6 +725,9 @@ class _Reader:
                 continue
             ((sort, number),) = kind.items()
             chosen = np.asarray(self._at(number, bound), dtype=object)
+            if self._structural(chosen) and any(one.free for one in np.ravel(base)):
+                known = [ex.number(self._number(one, "a subscript")) for one in chosen.ravel()]
+                chosen = np.array(known, dtype=object).reshape(chosen.shape)
             if any(value.op != "num" for value in chosen.ravel()):
                 if chosen.ndim:
                     raise _refuse(self._name, "a vector of subscripts that changes while the model runs")
@@ -728,6 +745,15 @@ class _Reader:
                 else result[(slice(None),) * axis + (place,)]
             )
         return result
+
+    def _structural(self, subscripts: np.ndarray) -> bool:
+        """Whether subscripts follow from parameters that the declaration evaluates or makes final."""
+        scalars = [
+            self._scalars[symbol.args[1]] if symbol.args[0] == "p" else None
+            for one in subscripts.ravel()
+            for symbol in one.free
+        ]
+        return bool(scalars) and all(one is not None and one.role == "dependent" for one in scalars)
 
     def _updated(self, number: int, content: Json, bound: Mapping[Any, Any]) -> Any:
         """An array in which the elements of some subscripts have a new value."""
@@ -817,7 +843,9 @@ class _Reader:
         if name in ("mod", "div", "rem"):
             return self._quotient({"builtin": name}, *values)
         if name == "homotopy":
-            return values[0]
+            share = ex.symbol("homotopy")
+            rest = ex.sub(ex.ONE, share)
+            return _each(lambda a, b: a if a is b else ex.add(ex.mul(share, a), ex.mul(rest, b)), *values[:2])
         if name in ("promoted_cat1", "promoted_cat2"):
             # A vector counts as a column (Modelica Language Specification 3.6, section 10.4.2).
             promoted = [np.asarray(one, dtype=object) for one in values]

@@ -102,8 +102,10 @@ def solve_order(model: DaeModel) -> System:
             model.place_of(missing[0]),
         )
     used = set(owner.values())
-    constraints = [equation for number, equation in enumerate(ordered) if number not in used]
-    blocks = _blocks(ordered, owner)
+    known_nodes: dict[int, Expr] = {}
+    actual = [ex.substituted(one, {ex.symbol("homotopy"): ex.ONE}, known_nodes) for one in ordered]
+    constraints = [equation for number, equation in enumerate(actual) if number not in used]
+    blocks = _blocks(actual, owner)
     notes = (
         [f"without a value, 0 until the importer sets one: {', '.join(model.valueless)}"]
         if model.valueless

@@ -15,7 +15,9 @@ pytest.importorskip("rumoca", reason="needs the extra build")
 from orchestrator.base.errors import BuildError
 from orchestrator.translate.build import build
 from orchestrator.translate.hybrid.adapted import adapted, external_objects
+from orchestrator.translate.hybrid.algorithms import as_equations
 from orchestrator.translate.hybrid.tables import read_table
+from orchestrator.translate.lexer import tokenise
 from orchestrator.translate.package import this_platform
 from tests.translate.hybrid.test_hybrid_models import bounced, made, run
 
@@ -595,3 +597,136 @@ end M;
 """)  # fmt: skip
     found = run(fmu, 1.4, 0.1, "top")
     assert found["top"] == pytest.approx(np.where(found["time"] < math.log(2), 6, 7), abs=1e-9)
+
+
+def test_algorithms_that_read_what_they_have_set_at_the_same_event(tmp_path):
+    fmu = made(tmp_path, """
+model M
+  Boolean x(start=false, fixed=true);
+  Integer n(start=0, fixed=true), m(start=0, fixed=true);
+  Real T(start=10, fixed=true), d, e;
+  Boolean heating(start=true, fixed=true);
+algorithm
+  when sample(0, 1) then
+    x := not x;
+    n := n + 1;
+    if x then
+      m := n;
+      m := m + 10;
+    elseif n > 100 then
+      m := 0;
+    end if;
+    n := 2*n;
+  elsewhen time > 4.2 then
+    m := -m;
+  end when;
+equation
+  der(T) = d;
+algorithm
+  when {T >= 22, T <= 19} then
+    heating := T <= 20;
+  end when;
+  e := 5;
+  if heating then
+    d := e - T/5;
+    d := d + 1;
+  else
+    d := -T/10;
+  end if;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 5.75, 0.25, "x", "n", "m", "T", "heating")
+    x, n, m, expected = False, 0, 0, []
+    for time in found["time"]:
+        if time == int(time):
+            x, n = not x, n + 1
+            m = n + 10 if x else 0 if n > 100 else m
+            n *= 2
+        elif time == 4.25:
+            m = -m
+        expected.append((x, n, m))
+    assert np.column_stack([found[one] for one in "xnm"]).tolist() == np.array(expected, dtype=float).tolist()
+    warm = 5 * math.log(20 / 8)  # 30 - 20 exp(-t/5) comes to 22
+    time = found["time"]
+    exact = np.where(time <= warm, 30 - 20 * np.exp(-time / 5), 22 * np.exp(-(time - warm) / 10))
+    assert found["T"] == pytest.approx(exact, abs=1e-7)
+    assert (found["heating"] == (time <= warm)).all()
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        "x := 1; when time > 1 then x := 2; end when;",  # set by a statement and by an event
+        "for i in 1:2 loop y := y + i; end for; when time > 1 then x := x + 1; end when;",
+        "y := y + 1; when time > 1 then x := x + 1; end when;",  # starts from its start value each time
+        "when time > 1 then x := 2; end when;",  # the compiler takes it
+    ],
+)
+def test_algorithms_of_another_meaning_stay(section):
+    assert as_equations(tokenise(section, "")) is None
+
+
+def test_texts_choose_equations_and_values(tmp_path):
+    fmu = made(tmp_path, """
+model M
+  model Part
+    parameter String kind = "slow";
+    parameter Real k = if kind == "slow" then 1 else 5;
+    Real x(start=1, fixed=true);
+  equation
+    if kind == "slow" then
+      der(x) = -k*x;
+    else
+      der(x) = -k*x^2;
+    end if;
+  end Part;
+  function rate
+    input String kind;
+    output Real r;
+  algorithm
+    if kind <> "fast" then
+      r := 2;
+    else
+      r := 3;
+    end if;
+  end rate;
+  parameter String other = "fast";
+  Part a, b(kind=other);
+  Real y = rate(other)*time;
+  Boolean late(start=false, fixed=true);
+equation
+  when time > 0.5 then
+    late = true;
+  end when;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 1.0, 0.25, "a.x", "b.x", "y")
+    time = found["time"]
+    assert found["a.x"] == pytest.approx(np.exp(-time), abs=1e-8)
+    assert found["b.x"] == pytest.approx(1 / (1 + 5 * time), abs=1e-8)
+    assert found["y"] == pytest.approx(3 * time)
+
+
+def test_packages_redeclared_within_modifications_are_no_classes_of_the_model(tmp_path):
+    fmu = made(tmp_path, """
+package P
+  package A
+    constant Real k = 1;
+  end A;
+  package B
+    extends A(k=2);
+  end B;
+  model Part
+    replaceable package Medium = A;
+    Real x(start=1, fixed=true);
+  equation
+    der(x) = -Medium.k*x;
+  end Part;
+  model M
+    Part one(redeclare package Medium = B);
+    Part other(redeclare package Medium = B);
+  end M;
+end P;
+""", model="P.M")  # fmt: skip
+    found = run(fmu, 1.0, 0.5, "one.x", "other.x")
+    assert found["other.x"] == pytest.approx(np.exp(-2 * found["time"]), abs=1e-8)

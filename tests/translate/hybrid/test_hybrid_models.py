@@ -21,16 +21,17 @@ from orchestrator.translate.build import build
 from orchestrator.translate.compiler import compile_model
 from orchestrator.translate.flatten import flatten
 from orchestrator.translate.hybrid.front_end import dae_form, modernised
+from orchestrator.translate.hybrid.sparsity import colours_of, factors_of
 from orchestrator.translate.package import this_platform
 from orchestrator.translate.sources import load_sources
 
 
-def made(tmp_path: Path, text: str, fmi_version: str = "2.0") -> Path:
-    """The FMU of a model's text, whose model is called M."""
+def made(tmp_path: Path, text: str, fmi_version: str = "2.0", model: str | None = None) -> Path:
+    """The FMU of a model's text, whose model is called M unless named."""
     source = tmp_path / "M.mo"
     source.write_text(text)
     output = tmp_path / "M.fmu"
-    build(source, output, platforms=(this_platform(),), fmi_version=fmi_version)
+    build(source, output, model=model, platforms=(this_platform(),), fmi_version=fmi_version)
     return output
 
 
@@ -718,3 +719,103 @@ end M;
     exact = 4 * np.exp(-found["time"])
     assert np.abs(found["b"] - exact).max() < 1e-8
     assert np.abs(found["c"] - 2 * exact - found["time"] - 10).max() < 1e-8
+
+
+AMPLIFIER = """
+  parameter Real gain = 1000;
+  Real u = 3*sin(time);
+  Real v, y;
+equation
+  v = (15*u + y)/16;
+"""
+
+
+def test_equations_with_limits_and_positive_feedback_change_from_one_state_to_the_other(tmp_path):
+    """A Schmitt trigger: it holds y until its characteristic has no solution on that side."""
+    fmu = made(tmp_path, f"""
+model M{AMPLIFIER}
+  y = homotopy(if gain*v > 15 then 15 else if gain*v < -15 then -15 else gain*v, -15);
+end M;
+""")  # fmt: skip
+    found = run(fmu, 12.0, 0.05, "y")
+    state, expected = -1, []
+    for now in found["time"]:
+        if 3 * math.sin(now) * state < -(1 - 16 / 1000):
+            state = -state
+        expected.append(15.0 * state)
+    assert found["y"] == pytest.approx(expected, abs=1e-9)
+
+
+def test_homotopy_chooses_the_solution_that_the_model_starts_from(tmp_path):
+    for start in (15, -15):
+        fmu = made(tmp_path, f"""
+model M{AMPLIFIER}
+  y = homotopy(smooth(0, noEvent(if gain*v > 15 then 15 else if gain*v < -15 then -15 else gain*v)), {start});
+end M;
+""")  # fmt: skip
+        found = run(fmu, 0.25, 0.05, "y")
+        assert found["y"] == pytest.approx(start, abs=1e-9)
+
+
+def test_many_states_are_integrated_with_sparse_matrices(tmp_path):
+    """A grid of 6 x 6 bodies, each a node of a heat equation, against scipy."""
+    fmu = made(tmp_path, """
+model M
+  parameter Real k = 50;
+  Real T[6, 6](each start=0, each fixed=true);
+  Real q[6, 6] = {{T[i, j]^4 for j in 1:6} for i in 1:6};
+  Boolean late(start=false, fixed=true);
+equation
+  for i in 1:6 loop
+    for j in 1:6 loop
+      der(T[i, j]) = k*((if i > 1 then T[i - 1, j] else 1) + (if i < 6 then T[i + 1, j] else 0)
+        + (if j > 1 then T[i, j - 1] else 0) + (if j < 6 then T[i, j + 1] else 0.5) - 4*T[i, j]) - 10*q[i, j];
+    end for;
+  end for;
+  when time > 10 then
+    late = true;
+  end when;
+end M;
+""")  # fmt: skip
+    names = [f"T[{i},{j}]" for i in range(1, 7) for j in range(1, 7)]
+    found = run(fmu, 0.1, 0.02, *names)
+
+    def slopes(_, y):
+        padded = np.zeros((8, 8))
+        padded[1:-1, 1:-1] = grid = y.reshape(6, 6)
+        padded[0], padded[:, -1] = 1, 0.5
+        around = padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]
+        return (50 * (around - 4 * grid) - 10 * grid**4).ravel()
+
+    exact = solve_ivp(slopes, (0, 0.1), np.zeros(36), "Radau", t_eval=found["time"], rtol=1e-10, atol=1e-12).y
+    assert np.stack([found[one] for one in names]) == pytest.approx(exact, abs=1e-8)
+
+
+def test_colours_and_factors_of_a_matrix():
+    n = 24
+    generator = np.random.default_rng(3)
+    filled = (generator.random((n, n)) < 0.06) | np.eye(n, dtype=bool)
+    columns = [list(np.flatnonzero(filled[:, k])) for k in range(n)]
+    colours = colours_of(columns)
+    assert max(colours) < n - 1
+    for one in set(colours):
+        assert (filled[:, np.equal(colours, one)].sum(axis=1) <= 1).all()
+    factors = factors_of(columns)
+    assert factors is not None and len(factors.columns) < n * n / 2
+    matrix = np.where(filled, generator.random((n, n)), 0) + 5 * np.eye(n)
+    values = np.zeros(len(factors.columns))
+    values[factors.entries] = [matrix[row, column] for column, rows in enumerate(columns) for row in rows]
+    placed = np.zeros((n, n))
+    for row in range(n):
+        here = slice(factors.starts[row], factors.starts[row + 1])
+        placed[row, factors.columns[here]] = values[here]
+        assert factors.columns[factors.diagonals[row]] == row
+    assert (placed == matrix[np.ix_(factors.order, factors.order)]).all()
+    for k in range(n):  # no factor outside the places
+        for row in range(k + 1, n):
+            if placed[row, k]:
+                placed[row, k] /= placed[k, k]
+                placed[row, k + 1 :] -= placed[row, k] * placed[k, k + 1 :]
+    starts = factors.starts
+    kept = {(row, factors.columns[e]) for row in range(n) for e in range(starts[row], starts[row + 1])}
+    assert {(int(a), int(b)) for a, b in np.argwhere(placed)} <= kept

@@ -22,7 +22,8 @@ static const double TOLERANCE = 1e-9;    /* relative, per internal step */
 static const double SOLVED = 1e-12;      /* relative change of an unknown in the last iteration */
 static const int MOST_ITERATIONS = 60;
 static const int MOST_ROUNDS = 100;      /* of an event */
-static const int MOST_FLIPS = 400;       /* rounds until the modes are consistent */
+static const int MOST_FLIPS = 600;       /* rounds until the modes are consistent */
+static const int FOLDED = 20;            /* events in close succession after which a solution has ceased */
 static const int MOST_EVENTS = 300;      /* in close succession */
 enum { MOST_LOOKS = 33 };                /* for events within an internal step, beside its beginning */
 
@@ -30,10 +31,11 @@ typedef struct {
     Hybrid h;
     double *c, *rise, *tick, *m;
     double *x, *xn, *f, *fx, *ft, *k[6], *dense[2], *a, *b, *spare; /* of the integration */
-    double *j, *lu, *y, *r;                                         /* of blocks */
+    double *j, *lu, *y, *r, *first;                                 /* of blocks */
     double *keep, *g; /* g: [MOST_LOOKS + 1][margins] */
     double *held;     /* [states] 1: reinit has set it, and a projection leaves it */
     int *pivot, *pivot_a;
+    int events; /* in close succession */
 } Work;
 
 static double *part(double *block, size_t *used, size_t n)
@@ -57,7 +59,8 @@ static size_t largest(void)
 static size_t lay_out(Work *w, double *block)
 {
     const HybridInfo *i = &hybrid_info;
-    size_t used = 0, n = largest(), s = (size_t)i->n_states + 1;
+    size_t used = 0, n = largest(), s = (size_t)i->n_states + 1, m = (size_t)i->n_constraints;
+    size_t entries = i->factors ? (size_t)i->factors->n_entries : s * s;
     w->c = part(block, &used, (size_t)i->n_conditions + 1);
     w->rise = part(block, &used, (size_t)i->n_conditions + 1);
     w->tick = part(block, &used, (size_t)i->n_clocks + 1);
@@ -65,17 +68,18 @@ static size_t lay_out(Work *w, double *block)
     w->x = part(block, &used, s);
     w->xn = part(block, &used, s);
     w->f = part(block, &used, s);
-    w->fx = part(block, &used, s * s);
+    w->fx = part(block, &used, entries > m * s ? entries : m * s);
     w->ft = part(block, &used, s);
     for (int a = 0; a < 6; a++) w->k[a] = part(block, &used, s);
     w->dense[0] = part(block, &used, s);
     w->dense[1] = part(block, &used, s);
-    w->a = part(block, &used, s * s);
+    w->a = part(block, &used, entries > m * m ? entries : m * m);
     w->b = part(block, &used, s);
     w->spare = part(block, &used, s);
     w->held = part(block, &used, s);
     w->y = part(block, &used, n);
     w->r = part(block, &used, 2 * n);
+    w->first = part(block, &used, n);
     w->j = part(block, &used, n * n);
     w->lu = part(block, &used, n * n);
     w->keep = part(block, &used, (size_t)i->n_z + 1);
@@ -107,6 +111,7 @@ static Work *work_for(const StepPoint *at, double *z)
     w->h.rise = w->rise;
     w->h.tick = w->tick;
     w->h.initial = 0;
+    w->h.homotopy = 1;
     return w;
 }
 
@@ -119,8 +124,8 @@ static void free_work(Work *w)
 
 /* Equations */
 
-/* LU with complete pivoting; rank of the matrix [n][n], which is overwritten. */
-static int factorise(double *a, int n, int *rows, int *columns)
+/* LU with pivots from all columns if `complete`, else from one; rank of the matrix [n][n], which is overwritten. */
+static int factorise(double *a, int n, int complete, int *rows, int *columns)
 {
     double largest_pivot = 0;
     for (int i = 0; i < n; i++) rows[i] = columns[i] = i;
@@ -128,9 +133,9 @@ static int factorise(double *a, int n, int *rows, int *columns)
         int row = k, column = k;
         double best = 0;
         for (int i = k; i < n; i++)
-            for (int j = k; j < n; j++)
+            for (int j = k; j < (complete ? n : k + 1); j++)
                 if (fabs(a[i * n + j]) > best) best = fabs(a[(row = i) * n + (column = j)]);
-        if (k == 0) largest_pivot = best;
+        if (best > largest_pivot) largest_pivot = best;
         if (!(best > 1e-14 * largest_pivot) || !isfinite(best)) return k;
         if (row != k) {
             int other = rows[k];
@@ -208,8 +213,8 @@ static void block_jacobian(Work *w, const HybridBlock *b, const double *r, doubl
     }
 }
 
-/* Newton's method, with shorter steps where the residual grows. */
-static int solve_block(Work *w, const HybridBlock *b)
+/* Newton's method, with shorter steps where the residual grows if `damped`. */
+static int newton(Work *w, const HybridBlock *b, int damped)
 {
     double *z = w->h.z, *r = w->r, norm;
     int n = b->n, *rows = w->pivot, *columns = w->pivot + n;
@@ -220,7 +225,7 @@ static int solve_block(Work *w, const HybridBlock *b)
         int rank;
         if (norm == 0) return 0;
         block_jacobian(w, b, r, w->lu);
-        rank = factorise(w->lu, n, rows, columns);
+        rank = factorise(w->lu, n, 1, rows, columns);
         if (rank == 0) return 1;
         back_solve(w->lu, n, rank, rows, columns, r, w->y, w->j);
         for (int i = 0; i < n; i++) {
@@ -231,7 +236,7 @@ static int solve_block(Work *w, const HybridBlock *b)
             for (int i = 0; i < n; i++) z[b->slots[i]] = w->j[i] - share * w->y[i];
             b->residuals(&w->h, r);
             next = size_of(r, n);
-            if (next <= before || share < 1e-6) break;
+            if (!damped || next <= before || share < 1e-6) break;
             /* At the limit of rounding the residual may grow a little. */
             if (isfinite(next) && share == 1) {
                 double relative = 0;
@@ -257,6 +262,16 @@ static int solve_block(Work *w, const HybridBlock *b)
         }
     }
     return norm < 1e-8 ? 0 : 1;
+}
+
+/* Where the equations have kinks, as at limits, the residual may have to grow on the way to the solution. */
+static int solve_block(Work *w, const HybridBlock *b)
+{
+    double *z = w->h.z;
+    for (int i = 0; i < b->n; i++) w->first[i] = z[b->slots[i]];
+    if (!newton(w, b, 1)) return 0;
+    for (int i = 0; i < b->n; i++) z[b->slots[i]] = w->first[i];
+    return newton(w, b, 0);
 }
 
 static int solve_all(Work *w, const HybridBlock *blocks, int n)
@@ -317,13 +332,19 @@ static void conditions(Work *w)
 }
 
 /* Flip one of the changed modes: each in its turn, then the first (which finds the state of diodes whose matrix
- * has positive principal minors; Murty, Linear Complementarity, 1988), then one by chance. */
+ * has positive principal minors; Murty, Linear Complementarity, 1988), then one by chance, at last also one
+ * that has not changed: the way from one state of a circuit with positive feedback to the other. */
 static void flip_one(Work *w, int round, int *turn, int *mode)
 {
     const HybridInfo *i = &hybrid_info;
     double *held = w->h.z + i->mode_slot;
     if (round >= 60 && round < 200) {
         held[*mode] = w->m[*mode];
+        return;
+    }
+    if (round >= 400 && round % 8 == 0) {
+        *mode = *turn = round / 8 % i->n_modes;
+        if (w->m[*mode] == 0 || w->m[*mode] == 1) held[*mode] = held[*mode] == 0;
         return;
     }
     if (round >= 200) *turn = (int)((*turn * 1103515245u + 12345u + (unsigned)round) % (unsigned)i->n_modes);
@@ -356,7 +377,7 @@ static int round_of_event(Work *w, const HybridBlock *blocks, int n)
     for (int round = 0; round < MOST_FLIPS; round++) {
         int moved = 0;
         if ((status = solve_all(w, blocks, n))) return status;
-        if ((mode = changed_mode(w)) >= 0 && !(round >= 60 && at_zero(w))) {
+        if ((mode = changed_mode(w)) >= 0 && !(round >= 60 && w->events < FOLDED && at_zero(w))) {
             /* Modes that flip together may do so for ever: later on one of them at a time. */
             if (round < 20)
                 take_modes(w);
@@ -449,24 +470,88 @@ static int report(Work *w, int everything)
 
 /* Integration */
 
-/* Jacobian of the derivatives by states and time, at t and w->x where they are w->f. */
+/* Jacobian of the derivatives by states and time, at t and w->x where they are w->f. Its entries in the order of
+ * HybridInfo.rows; dense, [n][n] by rows. */
 static int differentiate(Work *w, double t)
 {
     const HybridInfo *i = &hybrid_info;
     int n = i->n_states, status;
-    double step = 1e-7 * fmax(1e-3, fabs(t));
-    for (int k = 0; k < n; k++) {
-        double kept = w->x[k], by = 1e-7 * fmax(fabs(kept), 1e-3 * i->nominals[k]);
-        w->x[k] = kept + by;
-        by = w->x[k] - kept;
-        status = slopes(w, t, w->x, w->ft);
-        w->x[k] = kept;
-        if (status) return status;
-        for (int r = 0; r < n; r++) w->fx[r * n + k] = (w->ft[r] - w->f[r]) / by;
+    double step = 1e-7 * fmax(1e-3, fabs(t)), *by = w->b;
+    if (!i->factors) memset(w->fx, 0, (size_t)n * (size_t)n * sizeof(double));
+    for (int colour = 0; colour < i->n_colours; colour++) {
+        memcpy(w->xn, w->x, (size_t)n * sizeof(double));
+        for (int k = 0; k < n; k++) {
+            if (i->colours[k] != colour) continue;
+            w->xn[k] += 1e-7 * fmax(fabs(w->x[k]), 1e-3 * i->nominals[k]);
+            by[k] = w->xn[k] - w->x[k];
+        }
+        if ((status = slopes(w, t, w->xn, w->ft))) return status;
+        for (int k = 0; k < n; k++) {
+            if (i->colours[k] != colour) continue;
+            for (int e = i->column_starts[k]; e < i->column_starts[k + 1]; e++) {
+                int r = i->rows[e];
+                w->fx[i->factors ? e : r * n + k] = (w->ft[r] - w->f[r]) / by[k];
+            }
+        }
     }
     if ((status = slopes(w, t + step, w->x, w->ft))) return status;
     for (int r = 0; r < n; r++) w->ft[r] = (w->ft[r] - w->f[r]) / step;
     return 0;
+}
+
+/* Factors of 1/(h GAMMA) - Jacobian in w->a; 0 if there are none. Sparse ones are found without exchange of
+ * rows, since a shorter step makes the diagonal larger. */
+static int factorise_step(Work *w, double diagonal)
+{
+    const HybridInfo *i = &hybrid_info;
+    const HybridFactors *s = i->factors;
+    int n = i->n_states;
+    double *a = w->a, *row = w->spare;
+    if (!s) {
+        for (int e = 0; e < n * n; e++) a[e] = -w->fx[e];
+        for (int k = 0; k < n; k++) a[k * n + k] += diagonal;
+        return factorise(a, n, 0, w->pivot_a, w->pivot_a + n) == n;
+    }
+    memset(a, 0, (size_t)s->n_entries * sizeof(double));
+    for (int k = 0; k < n; k++) a[s->diagonals[k]] = diagonal;
+    for (int e = 0; e < i->column_starts[n]; e++) a[s->entries[e]] -= w->fx[e];
+    for (int r = 0; r < n; r++) {
+        int first = s->starts[r], last = s->starts[r + 1], own = s->diagonals[r];
+        double most = 0;
+        for (int e = first; e < last; e++) row[s->columns[e]] = a[e];
+        for (int e = first; e < own; e++) {
+            int c = s->columns[e];
+            double v = row[c] /= a[s->diagonals[c]];
+            if (v != 0)
+                for (int u = s->diagonals[c] + 1; u < s->starts[c + 1]; u++) row[s->columns[u]] -= v * a[u];
+        }
+        for (int e = first; e < last; e++) {
+            a[e] = row[s->columns[e]];
+            if (e >= own) most = fmax(most, fabs(a[e]));
+        }
+        if (!(fabs(a[own]) > 1e-8 * most) || !isfinite(most)) return 0;
+    }
+    return 1;
+}
+
+static void solve_step(Work *w, const double *b, double *x)
+{
+    const HybridFactors *s = hybrid_info.factors;
+    int n = hybrid_info.n_states;
+    double *y = w->spare;
+    if (!s) {
+        back_solve(w->a, n, n, w->pivot_a, w->pivot_a + n, b, x, y);
+        return;
+    }
+    for (int r = 0; r < n; r++) {
+        y[r] = b[s->order[r]];
+        for (int e = s->starts[r]; e < s->diagonals[r]; e++) y[r] -= w->a[e] * y[s->columns[e]];
+    }
+    for (int r = n - 1; r >= 0; r--) {
+        for (int e = s->diagonals[r] + 1; e < s->starts[r + 1]; e++) y[r] -= w->a[e] * y[s->columns[e]];
+        y[r] /= w->a[s->diagonals[r]];
+    }
+    for (int r = 0; r < n; r++) x[s->order[r]] = y[r];
 }
 
 static const double GAMMA = 0.25;
@@ -495,11 +580,9 @@ static const double D[2][5] = {
 static int rodas(Work *w, double t, double h, double *error)
 {
     const HybridInfo *info = &hybrid_info;
-    int n = info->n_states, status, *rows = w->pivot_a, *columns = w->pivot_a + n;
+    int n = info->n_states, status;
     double *slope = w->dense[0];
-    for (int r = 0; r < n; r++)
-        for (int k = 0; k < n; k++) w->a[r * n + k] = (r == k ? 1 / (h * GAMMA) : 0) - w->fx[r * n + k];
-    if (factorise(w->a, n, rows, columns) < n) return OUTCOME(STEP_SIZE, 0);
+    if (!factorise_step(w, 1 / (h * GAMMA))) return OUTCOME(STEP_SIZE, 0);
     for (int s = 0; s < 6; s++) {
         memcpy(w->xn, w->x, (size_t)n * sizeof(double));
         memcpy(slope, w->f, (size_t)n * sizeof(double));
@@ -512,7 +595,7 @@ static int rodas(Work *w, double t, double h, double *error)
             w->b[k] = slope[k] + h * DELTA[s] * w->ft[k];
             for (int o = 0; o < s; o++) w->b[k] += C[s - 1][o] * w->k[o][k] / h;
         }
-        back_solve(w->a, n, n, rows, columns, w->b, w->k[s], w->spare);
+        solve_step(w, w->b, w->k[s]);
     }
     *error = 0;
     for (int k = 0; k < n; k++) {
@@ -674,7 +757,7 @@ static int project(Work *w, double t, double *x)
                 w->a[r * m + s] = 0;
                 for (int k = 0; k < n; k++) w->a[r * m + s] += g[r * n + k] * g[s * n + k];
             }
-        rank = factorise(w->a, m, rows, columns);
+        rank = factorise(w->a, m, 1, rows, columns);
         back_solve(w->a, m, rank, rows, columns, c, w->b, w->spare);
         for (int k = 0; k < n; k++) {
             double by = 0;
@@ -772,6 +855,7 @@ static int advance(Work *w, double t, double end)
             if (events > MOST_EVENTS) return OUTCOME(CHATTERING, mode < 0 ? 0 : mode);
             last_event = t;
             if (mode >= 0) take_modes(w);
+            w->events = events;
         }
         z[i->end_slot] = t;
         event = event || (planned && t >= stop);
@@ -811,6 +895,12 @@ static int initialise(Work *w)
     w->h.initial = 1;
     hybrid_modes(&w->h, w->m);
     take_modes(w);
+    /* From the simplified equations to the actual ones. */
+    for (int k = 0; i->has_homotopy && k < 10; k++) {
+        w->h.homotopy = 0.1 * k;
+        if (round_of_event(w, i->initial_blocks, i->n_initial_blocks)) break;
+    }
+    w->h.homotopy = 1;
     status = round_of_event(w, i->initial_blocks, i->n_initial_blocks);
     if (status / 1000000 == BLOCK) status += 500000;
     if (!status) {

@@ -14,6 +14,7 @@ typedef struct {
     const double *c, *rise; /* truth of the conditions, and which become true now */
     const double *tick;     /* [clocks] 1: due now */
     int initial;
+    double homotopy;        /* 0: simplified, 1: actual equations */
 } Hybrid;
 
 /* One block of equations. A solved one has a function `assign` alone. */
@@ -26,6 +27,15 @@ typedef struct {
     void (*jacobian)(const Hybrid *, double *j); /* [n][n] by rows; NULL: by differences */
     const char *names;      /* of the unknowns, for messages */
 } HybridBlock;
+
+/* Where a sparse matrix of the states and its factors, in the same place, have entries, by rows. */
+typedef struct {
+    int n_entries;
+    const int *order;                     /* [n_states] state of each row and column */
+    const int *starts, *columns;          /* columns ascend */
+    const int *diagonals;                 /* [n_states] entry on the diagonal of each row */
+    const int *entries;                   /* entry for each of HybridInfo.rows */
+} HybridFactors;
 
 typedef enum { ACTION_ASSERT, ACTION_WARNING, ACTION_TERMINATE } HybridActionKind;
 
@@ -59,6 +69,11 @@ typedef struct {
     int n_margins;
     int use_slot, end_slot;               /* a HybridUse; time that the last step came to [s] */
     int ended_slot;                       /* 1: the model has asked for the end */
+    int has_homotopy;
+    int n_colours;                        /* of states, so that two of one colour share no derivative */
+    const int *colours;                   /* [n_states] */
+    const int *column_starts, *rows;      /* derivatives that each state is in */
+    const HybridFactors *factors;         /* NULL: dense */
 } HybridInfo;
 
 /* What an instance is used for: it decides when events are handled. */
