@@ -445,11 +445,11 @@ def test_a_compiler_that_does_not_end_is_an_error_and_the_next_model_builds(tmp_
     source = tmp_path / "M.mo"
     source.write_text(BALL)
     tree = load_sources(source)
-    late = r"the Modelica compiler did not end within 0.01 s for M"
+    late = r"the Modelica compiler did not end within 1e-05 s for M"
     with pytest.raises(BuildError, match=late):
-        dae_form(tree, "M", time_limit=0.01)
+        dae_form(tree, "M", time_limit=1e-5)
     with monkeypatch.context() as patch:
-        patch.setitem(compile_model.__kwdefaults__, "limit", 0.01)
+        patch.setitem(compile_model.__kwdefaults__, "limit", 1e-5)
         with pytest.raises(BuildError, match=late):
             flatten(tree, "M")
     assert "h" in flatten(tree, "M")[0]["variables"]
