@@ -299,6 +299,11 @@ class _Search:
         change = np.abs(constants[: len(self.model.nominal)] - self.model.nominal)
         return np.flatnonzero(change > _FAR * self.model.tolerance).tolist()
 
+    def limited(self, constants: Array) -> Array:
+        """Parameters, each no further from its nominal value than an answer needs a reason for."""
+        most = _FAR * self.model.tolerance
+        return np.clip(constants[: len(most)], self.model.nominal - most, self.model.nominal + most)
+
     def weighed(self, found: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished, float]]:
         """The best fit of each set of laws with its evidence [nats], best first.
 
@@ -472,7 +477,10 @@ def _judged(
     )
     traces = _traces(model, held, gap, calibrated, judged)
     share = found.remains / _spread(search.runs)
-    verdict, remarks = _verdict(search, best, closed(calibrated.remains, judged.remains), share)
+    before = calibrated.remains
+    if best.laws and search.far(search.base.constants):
+        before = replayed(held, (), search.limited(search.base.constants)).remains
+    verdict, remarks = _verdict(search, best, closed(before, judged.remains), share)
     wrong = _WRONG_FAR if best.laws and judged.remains > _NEAR_NOISE else _WRONG_NEAR
     probability, rivals = _rivals(search, weighed, chosen, 1.0 - wrong)
     if verdict == "outside":
@@ -506,7 +514,7 @@ def _verdict(search: _Search, best: Fitted, shrunk: float, share: float) -> tupl
     """Verdict and remarks.
 
     Args:
-        shrunk: share of the calibrated gap that the answer closes on held-out runs.
+        shrunk: share of the gap, calibrated within the tolerances, that the answer closes on held-out runs.
         share: residual of the answer over the spread of the logs.
     """
     remains = search.base.remains
