@@ -320,7 +320,10 @@ def test_an_mcap_log_that_expands_too_far_is_refused(compression, told, tmp_path
         with path.open("rb") as stream:
             chunks = [one for one in StreamReader(stream, emit_chunks=True).records if isinstance(one, Chunk)]
         for one in chunks:
-            data = data.replace(struct.pack("<Q", one.uncompressed_size), struct.pack("<Q", 10))
+            # In the chunk and in its index; a frame of LZ4 states the size as well, under a checksum.
+            size, crc, packed = one.uncompressed_size, one.uncompressed_crc, len(one.data)
+            data = data.replace(struct.pack("<QI", size, crc), struct.pack("<QI", 10, crc))
+            data = data.replace(struct.pack("<QQ", packed, size), struct.pack("<QQ", packed, 10))
         path.write_bytes(data)
     begin = process_time()
     with pytest.raises(LogError, match=r"^refused, its \d+ bytes expand to \d+ or more"):
