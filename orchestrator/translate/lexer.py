@@ -17,6 +17,8 @@ KEYWORDS = frozenset(
     "while within".split()
 )
 
+OPENING, CLOSING = frozenset("([{"), frozenset(")]}")
+
 _TOKEN = re.compile(
     r"""(?P<blank>\s+|//[^\n]*|/\*.*?\*/)
       | (?P<string>"(?:[^"\\]|\\.)*")

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from orchestrator.base.errors import BuildError
 
 from .classes import ModelicaClass, used_classes
-from .lexer import Token
+from .lexer import CLOSING, OPENING, Token
 from .sources import SourceTree
 
 __all__ = ["refuse_mixed_packages"]
@@ -20,7 +20,6 @@ _PREFIXES = frozenset(
     "public protected final inner outer replaceable redeclare parameter constant flow stream input output "
     "discrete each".split()
 )
-_OPEN, _CLOSE = frozenset("([{"), frozenset(")]}")
 
 
 def refuse_mixed_packages(tree: SourceTree, model: str) -> None:
@@ -54,11 +53,12 @@ def refuse_mixed_packages(tree: SourceTree, model: str) -> None:
                 )
 
 
-def _statements(tokens: Sequence[Token]) -> Iterator[list[Token]]:
+def _parts(tokens: Sequence[Token], mark: str) -> Iterator[list[Token]]:
+    """What stands between marks outside brackets: statements by ";", declarators by ","."""
     depth, held = 0, list[Token]()
     for token in tokens:
-        depth += (token.text in _OPEN) - (token.text in _CLOSE)
-        if token.text == ";" and depth <= 0:
+        depth += (token.text in OPENING) - (token.text in CLOSING)
+        if token.text == mark and depth <= 0:
             yield held
             depth, held = 0, []
         else:
@@ -68,7 +68,7 @@ def _statements(tokens: Sequence[Token]) -> Iterator[list[Token]]:
 
 def _uses(item: ModelicaClass) -> Iterator[tuple[Token, str, dict[str, tuple[str, str]]]]:
     """Types of components and what they replace: package -> class that says so, and target."""
-    for statement in _statements(item.tokens):
+    for statement in _parts(item.tokens, ";"):
         rest = list(statement)
         while rest and rest[0].text in _PREFIXES:
             rest.pop(0)
@@ -79,7 +79,7 @@ def _uses(item: ModelicaClass) -> Iterator[tuple[Token, str, dict[str, tuple[str
         ]
         if not path or not (extends or (at < len(rest) and rest[at].kind == "name")):
             continue
-        parts = [rest[at:]] if extends else list(_declarators(rest[at:]))
+        parts = [rest[at:]] if extends else list(_parts(rest[at:], ","))
         for part in parts:
             own = {name: (item.name, target) for name, target in _replaced(part)}
             # A base class that is not modified is no component; one that is replaces for all.
@@ -97,18 +97,6 @@ def _path(tokens: Sequence[Token], at: int) -> tuple[str, int]:
         else:
             break
     return name, at
-
-
-def _declarators(tokens: Sequence[Token]) -> Iterator[list[Token]]:
-    depth, held = 0, list[Token]()
-    for token in tokens:
-        depth += (token.text in _OPEN) - (token.text in _CLOSE)
-        if token.text == "," and depth == 0:
-            yield held
-            held = []
-        else:
-            held.append(token)
-    yield held
 
 
 def _replaced(tokens: Sequence[Token]) -> Iterator[tuple[str, str]]:
@@ -155,7 +143,7 @@ def _defaults(tree: SourceTree, used: Sequence[ModelicaClass], package: str) -> 
 
 def _bases(item: ModelicaClass, package: str) -> Iterator[str]:
     """Base classes whose package a class keeps."""
-    for statement in _statements(item.tokens):
+    for statement in _parts(item.tokens, ";"):
         short = len(statement) == len(item.tokens)
         if statement and (short or statement[0].text == "extends"):
             name, at = _path(statement, int(not short))

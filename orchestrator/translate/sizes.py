@@ -15,7 +15,7 @@ from operator import add, mul, sub
 from orchestrator.base.errors import BuildError
 
 from .classes import used_classes
-from .lexer import Token, tokenise
+from .lexer import CLOSING, OPENING, Token, tokenise
 from .sources import SourceTree
 
 __all__ = ["refuse_large_sizes", "refuse_other_sizes"]
@@ -28,7 +28,6 @@ _OPERATORS = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Pow: math.pow}
 _MAKERS = {"zeros": 0, "ones": 0, "fill": 1, "identity": 0}
 # Expressions by names.
 _Given = dict[str, list[Sequence[Token]]]
-_OPEN, _CLOSE = frozenset("([{"), frozenset(")]}")
 
 
 def refuse_large_sizes(tree: SourceTree, model: str) -> None:
@@ -125,12 +124,12 @@ def _split(tokens: Sequence[Token], begin: int) -> Iterator[Sequence[Token]]:
     depth, first = 0, begin
     for place in range(begin, len(tokens)):
         text = tokens[place].text
-        if depth == 0 and (text in _CLOSE or text in (",", ";")):
+        if depth == 0 and (text in CLOSING or text in (",", ";")):
             yield tokens[first:place]
             if text != ",":
                 return
             first = place + 1
-        depth += (text in _OPEN) - (text in _CLOSE)
+        depth += (text in OPENING) - (text in CLOSING)
 
 
 class _Values:
@@ -218,8 +217,8 @@ def _owner(tokens: Sequence[Token], place: int) -> str:
     """The name that a sign of equality stands behind, brackets left out; empty without one."""
     depth = 0
     for token in reversed(tokens[max(place - _LONGEST, 0) : place]):
-        depth += (token.text in _CLOSE) - (token.text in _OPEN)
-        if depth < 0 or (depth == 0 and token.text not in _OPEN):
+        depth += (token.text in CLOSING) - (token.text in OPENING)
+        if depth < 0 or (depth == 0 and token.text not in OPENING):
             return token.text if depth == 0 and token.kind == "name" else ""
     return ""
 

@@ -303,11 +303,11 @@ def test_packed_logs_that_are_damaged_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
-@pytest.mark.parametrize("told", ["right", "too little", "no summary"])
-def test_an_mcap_log_that_expands_too_far_is_refused(compression, told, tmp_path):
+@pytest.mark.parametrize("stated", ["right", "too little", "no summary"])
+def test_an_mcap_log_that_expands_too_far_is_refused(compression, stated, tmp_path):
     """Whatever the file states of its size."""
     path = tmp_path / "a.mcap"
-    index = IndexType.NONE if told == "no summary" else IndexType.ALL
+    index = IndexType.NONE if stated == "no summary" else IndexType.ALL
     with path.open("wb") as stream:
         writer = Writer(stream, chunk_size=2**26, compression=compression, index_types=index)
         writer.start()
@@ -315,7 +315,7 @@ def test_an_mcap_log_that_expands_too_far_is_refused(compression, told, tmp_path
         for stamp in range(270):
             writer.add_message(channel, stamp, b'{"v": 1' + b" " * 2**20 + b"}", stamp)
         writer.finish()
-    if told == "too little":
+    if stated == "too little":
         data = path.read_bytes()
         with path.open("rb") as stream:
             chunks = [one for one in StreamReader(stream, emit_chunks=True).records if isinstance(one, Chunk)]

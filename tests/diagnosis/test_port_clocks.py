@@ -38,19 +38,19 @@ def late(study, ports, rows):
     return replace(study, runs=tuple(of(run) for run in study.runs))
 
 
-def told(study):
+def checked(study):
     refused, warned = check_logs(study)
     return refused, [one for one in warned if "clock" in one.remedy]
 
 
 def test_clocks_that_are_right_are_not_doubted(plain):
-    assert told(plain) == ([], [])
+    assert checked(plain) == ([], [])
 
 
 @pytest.mark.parametrize("rows", [-5, 50])
 def test_a_column_that_is_late_or_early_within_a_loop_is_told(plain, rows):
     """The controller would have been given another position, had that been delayed itself."""
-    (refused,), _ = told(late(plain, {POSITION}, rows))
+    (refused,), _ = checked(late(plain, {POSITION}, rows))
     assert refused.place == "drive.position" and "times its noise" in refused.what
     way = "late by 0.1 s" if rows > 0 else "early by 0.01 s"
     assert refused.remedy == (
@@ -63,19 +63,19 @@ def test_a_fed_column_that_is_late_is_told_and_mended_by_the_clock_that_is_told(
     for run in range(3):
         with change_log(folder / f"run-{run}.csv") as columns:
             columns["path.position"][5:] = columns["path.position"][:-5]
-    (refused,), _ = told(load_port_study(folder))
+    (refused,), _ = checked(load_port_study(folder))
     assert refused.remedy.endswith("if that of path.position is late by as much, `clock: 0.01 s` there.")
     assert "columns controller.voltage, drive.position is early" in refused.remedy
     data = yaml.safe_load((folder / "study.yaml").read_text())
     data["columns"]["path.position"] = {"column": "path.position", "clock": "0.01 s"}
     (folder / "study.yaml").write_text(yaml.safe_dump(data))
-    assert told(load_port_study(folder)) == ([], [])
+    assert checked(load_port_study(folder)) == ([], [])
 
 
 def test_columns_of_one_device_are_late_together(tmp_path):
     logged = {"drive.velocity": ("m/s", 1e-4)}
     both = {POSITION, Port("drive", "velocity")}
-    (refused,), _ = told(late(load_port_study(study(tmp_path, logged=logged)), both, 50))
+    (refused,), _ = checked(late(load_port_study(study(tmp_path, logged=logged)), both, 50))
     assert refused.place == "drive.position, drive.velocity"
     assert (
         "columns drive.position, drive.velocity is late by 0.1 s: give each `clock: 0.1 s`" in refused.remedy
@@ -84,7 +84,7 @@ def test_columns_of_one_device_are_late_together(tmp_path):
 
 def test_what_a_delay_makes_as_well_is_mentioned_only(plain):
     """All that is compared late: so it is, too, if the command comes late to the machine."""
-    refused, (warned,) = told(late(plain, {POSITION, VOLTAGE}, 5))
+    refused, (warned,) = checked(late(plain, {POSITION, VOLTAGE}, 5))
     assert not refused and warned.place == "controller.voltage, drive.position"
     assert warned.what.endswith("and so may a delay or another dynamic effect of the machine")
     assert warned.remedy.startswith(
@@ -98,7 +98,7 @@ def test_a_delay_within_the_loop_is_no_mistake_of_the_logs(tmp_path, port):
     hidden = [{"from": source, "to": port, "through": [{"delay": "2 ms"}]}]
     delayed = load_port_study(study(tmp_path, hidden))
     given = replace(delayed, runs=delayed.of(Role.TRAIN))
-    assert told(given)[0] == []
+    assert checked(given)[0] == []
 
 
 def test_a_clock_that_runs_fast_is_told_with_its_rate(plain):
@@ -109,7 +109,7 @@ def test_a_clock_that_runs_fast_is_told_with_its_rate(plain):
         late = k * (1.0 - 4.0 / len(run))
         return replace(run, logs={**run.logs, POSITION: np.interp(late, k, run.logs[POSITION])})
 
-    (refused,), _ = told(replace(plain, runs=tuple(of(run) for run in plain.runs)))
+    (refused,), _ = checked(replace(plain, runs=tuple(of(run) for run in plain.runs)))
     rates = re.findall(
         r"fast by (\S+) ppm, (?:late|early) by (\S+) s at the begin of (\S+?)[;:]", refused.remedy
     )
@@ -120,7 +120,7 @@ def test_a_clock_that_runs_fast_is_told_with_its_rate(plain):
 
 def test_logs_with_clocks_of_their_own_are_told_one_by_one(plain):
     runs = [late(plain, {POSITION}, 10 + 20 * number).runs[number] for number in range(3)]
-    (refused,), _ = told(replace(plain, runs=tuple(runs)))
+    (refused,), _ = checked(replace(plain, runs=tuple(runs)))
     assert "late by 0.02 s in run-0, late by 0.06 s in run-1, late by 0.1 s in run-2" in refused.remedy
 
 
@@ -133,9 +133,9 @@ def test_a_single_wrong_sample_decides_nothing_and_takes_no_time(plain, rows):
         log[400] = -(2.0**31)
         return replace(run, logs={**run.logs, POSITION: log})
 
-    assert told(plain) == ([], [])  # compiles
+    assert checked(plain) == ([], [])  # compiles
     begin = process_time()
     shifted = late(plain, {POSITION}, rows) if rows else plain
-    found = told(replace(plain, runs=tuple(map(of, shifted.runs))))
+    found = checked(replace(plain, runs=tuple(map(of, shifted.runs))))
     assert process_time() - begin < 5.0
     assert bool(found[0]) == bool(rows)

@@ -129,13 +129,13 @@ def test_shorter_steps_leave_samples_where_they_are(smooth):
 def test_what_half_the_step_changes_is_reported(smooth, noiseless):
     """As much as the logs of a machine that knows no steps differ, within a factor of two."""
 
-    def told(study):
+    def warnings(study):
         return [one.what for one in check_logs(study)[1] if "half the communication step" in one.what]
 
     own = load_port_study(smooth)
-    (what,) = told(own)
+    (what,) = warnings(own)
     change = float(re.search(r"changes \S+ by (\S+) times its noise", what)[1])
     error = max(float(np.sqrt(np.mean(r**2))) for r in residuals(own)[:2])
     assert 0.5 * error < 2.0 * change < 2.0 * error
     # Steps that are a twentieth have a twentieth of the error, which is within the noise.
-    assert told(with_steps(own, 20)) == []
+    assert warnings(with_steps(own, 20)) == []

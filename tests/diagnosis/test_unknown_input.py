@@ -209,6 +209,17 @@ def test_what_the_library_lacks_is_outside_and_drawn(fmus: Path, tmp_path: Path)
     assert "against the signals there" in page and page.count("<svg") == 2
 
 
+def test_noise_that_is_larger_than_stated_is_no_law(fmus: Path) -> None:
+    """No law explains a white residual, so that none is fitted."""
+    path = logged(fmus, lambda x, v: 0.0)
+    text = path.read_text(encoding="utf-8").replace("noise: 0.1 mm", "noise: 0.06 mm")
+    path = path.with_name("noisy.yaml")
+    path.write_text(text, encoding="utf-8")
+    found = answer(load_port_study(path))
+    assert found.verdict == "none" and found.fitted is None
+    assert found.remains == pytest.approx(1.0 / 0.6, rel=0.05)
+
+
 def test_the_corrected_system_runs_and_matches_the_machine(fmus: Path, tmp_path: Path) -> None:
     study = load_port_study(logged(fmus, lambda x, v: -1.5 * np.tanh(v / 0.003)))
     found = answer(study)

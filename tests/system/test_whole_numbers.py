@@ -82,7 +82,7 @@ def test_a_parameter_is_exact_and_what_becomes_of_it_is_told(whole, capsys, tmp_
     )
 
 
-def test_a_number_beyond_within_the_run_is_told_once(whole, tmp_path):
+def test_a_number_beyond_within_the_run_is_warned_of_once(whole, tmp_path):
     path = tmp_path / "signals.csv"
     path.write_text("time,level_in\n0,1\n0.4,-53\n0.7,1\n")
     data = config(whole()) | {"connections": ["drive.level_in -> one.level_in"]}
@@ -90,16 +90,16 @@ def test_a_number_beyond_within_the_run_is_told_once(whole, tmp_path):
     made = run(data, halving=False)
     column = made.results["one.level_out"]
     assert column.max() == BEYOND - 1 and column[0] == column[-1] == 1
-    (told,) = made.summary["run"]["log"]["one"]
-    assert told.endswith(f"level_out is {BEYOND} at 0.5 s; as a signal, a 64-bit float, it is {BEYOND - 1}")
+    (line,) = made.summary["run"]["log"]["one"]
+    assert line.endswith(f"level_out is {BEYOND} at 0.5 s; as a signal, a 64-bit float, it is {BEYOND - 1}")
 
 
 def test_the_native_loop_warns_of_numbers_that_may_be_rounded(whole):
     pytest.importorskip("numba")
     data = config(whole(), level_in=-53)
     data["run"]["loop"] = "native"
-    (told,) = run(data, halving=False).summary["run"]["log"]["one"]
-    assert f"level_out is near {BEYOND - 1} at 0.1 s; as a signal, a 64-bit float, it may be rounded" in told
+    (line,) = run(data, halving=False).summary["run"]["log"]["one"]
+    assert f"level_out is near {BEYOND - 1} at 0.1 s; as a signal, a 64-bit float, it may be rounded" in line
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from ...system.connection import Port
 from ..study.keys import Logged
 from ..study.reader import load_port_study
 from ..study.study import Nominal, PortStudy, is_port_study
-from ..unknown_input.model import StateModel, evaluate
+from ..unknown_input.model import StateModel, acts_of, evaluate
 from .cases import RUNS, Draft, driven
 from .plant import Acting, Drive
 
@@ -30,8 +30,8 @@ _PASSES = 3
 # Of a config without a study: tolerance of parameters, spread of start values, samples until its stop time.
 _TOLERANCE, _VARIED, _SAMPLES = 0.02, 0.05, 500
 # No law of the search acts here.
-_NOTHING, _NONE, _ZEROS = np.zeros((0, 16), np.int64), np.zeros(0, np.int64), np.zeros(1)
-_PAST, _NOW = np.zeros((0, 0, 3)), np.zeros(4)
+_NOTHING, _NONE = acts_of((), None, 0.0)
+_ZEROS, _PAST, _NOW = np.zeros(1), np.zeros((0, 0, 3)), np.zeros(4)
 
 
 @dataclass

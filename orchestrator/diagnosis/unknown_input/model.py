@@ -24,7 +24,7 @@ from ...system.system import Instance
 from ..study.study import PortRun, PortStudy
 from .calls import call_law
 
-__all__ = ["COLUMNS", "Inserted", "Kinds", "Place", "StateModel", "acts_of", "evaluate"]
+__all__ = ["COLUMNS", "Inserted", "Kinds", "Place", "StateModel", "acts_of", "evaluate", "past_of"]
 
 Array = NDArray[np.float64]
 # Columns of a component's row.
@@ -78,6 +78,16 @@ class Inserted:
     states: int = 0
     settled: tuple[int, ...] = ()
     delay: bool = False
+
+
+@njit()
+def past_of(acts, steps):
+    """Room for the signals that laws delay over so many steps, and for the present; see `_delayed`.
+
+    Without steps none is kept: filters and derivatives take the states of such laws.
+    """
+    kept = steps + 1 if steps > 0 and np.any(acts[:, _DELAY]) else 0
+    return np.zeros((len(acts), kept, 3)), np.zeros(4)
 
 
 @njit()

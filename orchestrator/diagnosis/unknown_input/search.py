@@ -28,6 +28,8 @@ __all__ = ["Answer", "answer"]
 Array = NDArray[np.float64]
 # Laws that are fitted by a few steps, how often the same one, and of these those that are fitted to the end.
 _TRIED, _EACH, _KEPT, _STEPS, _RIVALS = 12, 2, 3, 5, 4
+# Steps of a fit to the end.
+_MANY = 12
 # Laws that are tried late, and fitted to the end.
 _LATE, _LATE_KEPT = 8, 1
 # Fits that leave more than this many times the best are not carried on.
@@ -52,15 +54,12 @@ _EDGE = 0.05
 _TEMPERATURE, _NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR = 2.9, 1.5, 0.054, 0.467
 # Largest probability of an answer that held-out runs contradict.
 _OUTSIDE = 0.6
+# Least share of the gap that the nearest laws close on held-out runs to be stated.
+_HINT = 0.1
 # Probability from which on a rival is worth an experiment.
 _LIKELY = 0.02
 # Samples that are enough for a search, and noises by which simulations with fewer may differ.
 _ENOUGH, _SAME_SIMULATION = 3000, 0.1
-
-
-_NOTHING = Fitted((), np.zeros(0), np.zeros(0), 0.0, (np.zeros(0), np.zeros((0, 0))))
-# Least share of the gap that the nearest laws close on held-out runs to be stated.
-_HINT = 0.1
 
 
 @dataclass(frozen=True)
@@ -183,7 +182,10 @@ class _Search:
                 break
         found.sort(key=lambda each: each[1].remains)
         near = _BEHIND * found[0][1].remains if found else 0.0
-        found += [self.to_the_end(one) for one in found[:kept] if one[1].remains < near]
+        found += [
+            self.to_the_end(one.laws, two.constants, two.starts)
+            for one, two in found[:kept] if two.remains < near
+        ]  # fmt: skip
         # The best fit of each set of laws.
         found.sort(key=lambda each: each[1].remains)
         return list(
@@ -198,12 +200,10 @@ class _Search:
         pairs = [one for one in found if len(one[0].laws) == 2]
         if not pairs:
             return []
-        best, polished = min(pairs, key=lambda each: each[1].remains)
+        best, pair = min(pairs, key=lambda each: each[1].remains)
         count = len(self.model.nominal)
         return [
-            self.to_the_end(
-                self.fitted((law,), np.r_[polished.constants[:count], values], polished.starts, 12, None)
-            )
+            self.to_the_end((law,), np.r_[pair.constants[:count], values], pair.starts)
             for law, values, _ in best.by_law()
         ]
 
@@ -216,33 +216,31 @@ class _Search:
         singles = [one for one in found if len(one[0].laws) == 1]
         if not singles:
             return []
-        best, polished = min(singles, key=lambda each: each[1].remains)
-        far = self.far(polished.constants)
+        best, single = min(singles, key=lambda each: each[1].remains)
+        far, (law,) = self.far(single.constants), best.laws
         if not far:
             return []
-        nominal = polished.constants[: len(self.model.nominal)].copy()
-        nominal[far] = self.model.nominal[far]
-        law, made = best.laws[0], []
-        for one in readable(self.model, law.place):
-            if one.signal == law.signal and one.law is not law.law and one.law.linear:
-                if len(one.law.numbers) == len(best.numbers):
-                    made += [
-                        self.fitted(
-                            (one,), np.r_[nominal, sign * best.numbers[0], best.numbers[1:]],
-                            polished.starts, 12, None,
-                        )
-                        for sign in (1.0, -1.0)
-                    ]  # fmt: skip
-        return made
+        begin = single.constants.copy()
+        begin[far] = self.model.nominal[far]
+        other = begin.copy()
+        other[len(self.model.nominal)] *= -1.0
+        return [
+            self.fitted((one,), constants, single.starts, _MANY, None)
+            for one in readable(self.model, law.place)
+            if one.law.linear and one.law is not law.law and one.signal == law.signal
+            and len(one.law.numbers) == len(best.numbers)
+            for constants in (begin, other)
+        ]  # fmt: skip
 
-    def to_the_end(self, one: tuple[Fitted, Polished]) -> tuple[Fitted, Polished]:
+    def to_the_end(
+        self, laws: Sequence[Candidate], constants: Array, starts: Sequence[Array]
+    ) -> tuple[Fitted, Polished]:
         """A fit carried on with all samples; by exact derivatives if something is left."""
-        laws = one[0].laws
-        made = self.fitted(laws, one[1].constants, one[1].starts, 12, None)
+        made = self.fitted(laws, constants, starts, _MANY, None)
         if made[1].remains > _EXPLAINED:
             # Calibration without the law may have led the fit astray, and to other start states.
             fresh = np.r_[self.model.nominal, [value for law in laws for value in law.numbers]]
-            other = self.fitted(laws, fresh, [each[3] for each in self.runs.data], 12, None)
+            other = self.fitted(laws, fresh, [each[3] for each in self.runs.data], _MANY, None)
             made = min((made, other), key=lambda each: each[1].remains)
         if made[1].remains < _EXPLAINED or not np.isfinite(made[1].remains):
             return made
@@ -322,6 +320,50 @@ class _Search:
         ]  # fmt: skip
         return sorted(weighed, key=lambda each: each[2], reverse=True)
 
+    def searched(self) -> list[tuple[Fitted, Polished]]:
+        """Fits of all stages: no law, single laws, rarer ones, pairs, and what a filter reads."""
+        nothing = Fitted((), np.zeros(0), np.zeros(0), 0.0, (self.base.constants, self.base.covariance))
+        every = [(nothing, self.base)]
+        if self.base.remains <= 1.0:
+            return every
+        self.progress("laws")
+        scores = self.scores((), self.base)
+        singles = self.tried([[one] for one in spread_out(scores.candidates, _TRIED, _EACH)])
+        every += singles
+        if not self.explained(every):
+            self.progress("rarer laws")
+            late = spread_out(self.scores((), self.base, late=True).candidates, _LATE, 1)
+            rare = self.tried([[one] for one in late], kept=_LATE_KEPT)
+            every += rare
+            singles = sorted([*singles, *rare], key=lambda each: each[1].remains)
+        if not self.explained(every):
+            self.progress("pairs of laws")
+            every = self._with_pairs(scores, singles, every)
+        every += self.within_tolerance(every)
+        lost = self.base.remains > _LOST * _spread(self.runs)
+        if self.model.filters and lost and not self.explained(every):
+            every += self.filtered()
+        return every
+
+    def _with_pairs(
+        self, scores: Scores, singles: Sequence[tuple[Fitted, Polished]], every: list[tuple[Fitted, Polished]]
+    ) -> list[tuple[Fitted, Polished]]:
+        """Fits with those of pairs: by their scores, beside the best single laws, rarer laws beside the best.
+
+        Args:
+            singles: best first.
+        """
+        every = [*every, *self.tried(scores.pairs(_BESIDE))]
+        for one in _families(singles)[:_BEAM]:
+            if not self.explained(every):
+                more = self.scores(one[0].laws, one[1]).candidates
+                every += self.tried([[two] for two in more if two.law.states == 0][:_BESIDE], one)
+        for one in singles[:1]:
+            if not self.explained(every):
+                rare = self.scores(one[0].laws, one[1], late=True).candidates
+                every += self.tried([[two] for two in spread_out(rare, _BESIDE, 1)], one)
+        return [*every, *self.alone(every)]
+
 
 def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -> Answer:
     """Find what is missing.
@@ -335,36 +377,7 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
         progress("calibration")
         model.study = _thinned(model)
         search = _Search(Runs(model, model.study.of(Role.TRAIN, Role.VALIDATION)), progress)
-        nothing = Fitted((), np.zeros(0), np.zeros(0), 0.0, (search.base.constants, search.base.covariance))
-        every = [(nothing, search.base)]
-        if search.base.remains > 1.0:
-            progress("laws")
-            scores = search.scores((), search.base)
-            singles = search.tried([[one] for one in spread_out(scores.candidates, _TRIED, _EACH)])
-            every += singles
-            if not search.explained(every):
-                progress("rarer laws")
-                late = spread_out(search.scores((), search.base, late=True).candidates, _LATE, 1)
-                rare = search.tried([[one] for one in late], kept=_LATE_KEPT)
-                every += rare
-                singles = sorted([*singles, *rare], key=lambda each: each[1].remains)
-            if not search.explained(every):
-                progress("pairs of laws")
-                every += search.tried(scores.pairs(_BESIDE))
-                for one in _families(singles)[:_BEAM]:
-                    if not search.explained(every):
-                        more = search.scores(one[0].laws, one[1]).candidates
-                        every += search.tried([[two] for two in more if two.law.states == 0][:_BESIDE], one)
-                if not search.explained(every):
-                    one = singles[0]
-                    rare = search.scores(one[0].laws, one[1], late=True).candidates
-                    every += search.tried([[two] for two in spread_out(rare, _BESIDE, 1)], one)
-                every += search.alone(every)
-            every += search.within_tolerance(every)
-            lost = search.base.remains > _LOST * _spread(search.runs)
-            if model.filters and lost and not search.explained(every):
-                every += search.filtered()
-        weighed = search.weighed(every)
+        weighed = search.weighed(search.searched())
         chosen = _simplest(search, weighed)
         progress("judgement")
         return replace(_judged(study, model, search, weighed, chosen), seconds=perf_counter() - begin)
@@ -435,7 +448,7 @@ def _simplest(search: _Search, weighed: Sequence[tuple[Fitted, Polished, float]]
     for count in {len(one.laws) for one, _, _ in weighed}:
         ranked = [
             k for k, (one, _, _) in enumerate(weighed)
-            if len(one.laws) == count and (count < 2 or _significant(one))
+            if len(one.laws) == count and _significant(one)
         ]  # fmt: skip
         if not ranked:
             continue
@@ -458,8 +471,8 @@ def _simplest(search: _Search, weighed: Sequence[tuple[Fitted, Polished, float]]
 
 
 def _significant(one: Fitted) -> bool:
-    """Whether the first number of each law differs from 0 by more than three standard deviations."""
-    return all(abs(values[0]) > 3.0 * sigmas[0] for _, values, sigmas in one.by_law())
+    """Whether the first number of each of two laws differs from 0 by more than three standard deviations."""
+    return len(one.laws) < 2 or all(abs(values[0]) > 3.0 * sigmas[0] for _, values, sigmas in one.by_law())
 
 
 def _judged(
@@ -494,9 +507,9 @@ def _judged(
         f"{model.parameters[k]} leaves its tolerance: {values[k]:.4g} instead of {model.nominal[k]:.4g}."
         for k in search.far(values)
     ]
-    nearest = best
-    if verdict == "outside" and not best.laws:
-        nearest, hint = _nearest(held, weighed, calibrated.remains)
+    named = best if best.laws else None
+    if verdict == "outside" and named is None:
+        named, hint = _nearest(held, weighed, calibrated.remains)
         remarks += hint
     twins = [two for one in best.laws for two in search.twins.get(one.name, [])]
     probability *= _among(best, search.twins)
@@ -504,7 +517,7 @@ def _judged(
     remains = judged.remains if verdict == "law" else calibrated.remains
     units = {str(port): study.unit(port) for port in (*model.states, *model.inputs, *model.outputs)}
     return Answer(
-        verdict, nearest if nearest.laws else None, probability, rivals, twins, parameters, places, estimate,
+        verdict, named, probability, rivals, twins, parameters, places, estimate,
         gap.remains, calibrated.remains, remains, closed(gap.remains, remains), share, traces,
         _experiments(search, weighed, chosen, rivals) if verdict == "law" else [], units, remarks,
     )  # fmt: skip
@@ -536,17 +549,17 @@ def _verdict(search: _Search, best: Fitted, shrunk: float, share: float) -> tupl
 
 def _nearest(
     held: Runs, weighed: Sequence[tuple[Fitted, Polished, float]], calibrated: float
-) -> tuple[Fitted, list[str]]:
+) -> tuple[Fitted | None, list[str]]:
     """The likeliest laws, although they explain too little, and a remark; none that held-out runs refuse."""
-    for one, found, _ in weighed:
-        if one.laws and (len(one.laws) < 2 or _significant(one)):
-            remains = replayed(held, [law.inserted for law in one.laws], found.constants).remains
-            share = closed(calibrated, remains)
-            if share < _HINT:
-                break
-            names = " + ".join(law.name for law in one.laws)
-            return one, [f"The nearest laws close {100 * share:.0f} % of the calibrated gap there: {names}."]
-    return _NOTHING, []
+    found = next(((one, two) for one, two, _ in weighed if one.laws and _significant(one)), None)
+    if found is None:
+        return None, []
+    one, fit = found
+    share = closed(calibrated, replayed(held, [law.inserted for law in one.laws], fit.constants).remains)
+    if share < _HINT:
+        return None, []
+    names = " + ".join(law.name for law in one.laws)
+    return one, [f"The nearest laws close {100 * share:.0f} % of the calibrated gap there: {names}."]
 
 
 def _among(best: Fitted, twins: Mapping[str, Sequence[Candidate]]) -> float:

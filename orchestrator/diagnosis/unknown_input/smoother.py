@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.compiled_functions import njit
-from .model import Inserted, Place, StateModel, acts_of, evaluate
+from .model import Inserted, Place, StateModel, acts_of, evaluate, past_of
 
 __all__ = ["Smoothed", "filtered", "sensitive", "signals_along", "simulated", "substeps"]
 
@@ -56,7 +56,6 @@ def _step(rows, wiring, z, n, e0, e1, t, h, acts, signals, u, y, sub, past, now)
     z = z.copy()
     k = np.zeros((4, m))
     first = now[0]
-    now[2] = d
     for s in range(sub):
         base = z.copy()
         now[0] = first + s
@@ -83,18 +82,12 @@ def _step(rows, wiring, z, n, e0, e1, t, h, acts, signals, u, y, sub, past, now)
 
 
 @njit()
-def _no_past(acts):
-    """Of filters and derivatives, which take the states of laws that delay."""
-    return np.zeros((len(acts), 0, 3)), np.zeros(4)
-
-
-@njit()
 def _jacobians(rows, wiring, z, n, ext, t, acts, signals, u, y, delta, measured, tiny):
     nx, nh, nw = n[0], n[1], n[4]
     m, nz = nx + nh, len(z)
     a, c = np.zeros((nz, nz)), np.zeros((len(measured), nz))
     r0, r1 = np.zeros(m), np.zeros(m)
-    past, now = _no_past(acts)
+    past, now = past_of(acts, 0)
     _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, r0[:nx], r0[nx:], past, now)
     y0 = y[measured].copy()
     for i in range(nz - (1 if nw == 2 else 0)):
@@ -125,7 +118,7 @@ def _filter(
     zf, pf = np.zeros((kept, nz)), np.zeros((kept, nz, nz))
     fs = np.zeros((kept, nz, nz))
     eye = np.eye(nz)
-    past, now = _no_past(acts)
+    past, now = past_of(acts, 0)
     loglik = 0.0
     c_w = nz - nw
     for k in range(count):
@@ -204,7 +197,7 @@ def _simulate(rows, wiring, z, n, ext, held, h, sub, acts, signals, nu, ny, meas
     nx = n[0]
     found, signal = np.full((count, len(measured)), np.nan), np.full((count, nx + nu + ny), np.nan)
     rate, extra = np.zeros(nx), np.zeros(n[1])
-    past, now = np.zeros((len(acts), count * sub + 1 if np.any(acts[:, 11]) else 0, 3)), np.zeros(4)
+    past, now = past_of(acts, count * sub)
     now[2] = h / sub
     for k in range(count):
         if k > 0:
@@ -233,7 +226,7 @@ def _sensitive(rows, wiring, z, n, ext, held, h, sub, acts, signals, delta, nu, 
     count, nz = len(ext), len(z)
     found = np.zeros((count, len(measured), nz))
     along, eye = np.eye(nz), np.eye(nz)
-    past, now = _no_past(acts)
+    past, now = past_of(acts, 0)
     before = np.zeros((nz, nz))
     for k in range(count):
         if k > 0:
@@ -263,7 +256,7 @@ def _signals(rows, wiring, path, n, ext, h, acts, signals, nu, ny):
     count, nx = len(path), n[0]
     rate, extra = np.zeros(nx), np.zeros(n[1])
     found = np.zeros((count, nx + nu + ny))
-    past, now = _no_past(acts)
+    past, now = past_of(acts, 0)
     for k in range(count):
         _rate(rows, wiring, path[k].copy(), n, ext[k], k * h, acts, signals, u, y, rate, extra, past, now)
         found[k, :nx] = path[k, :nx]
