@@ -66,11 +66,15 @@ class ConfigError(OrchestratorError):
     Attributes:
         problems: every problem, in the order of the config.
         unchecked: what could not be checked for want of what has problems; further ones may be there.
+        notes: on what is right; not part of the message.
     """
 
-    def __init__(self, problems: Iterable[Problem], unchecked: Iterable[str] = ()) -> None:
+    def __init__(
+        self, problems: Iterable[Problem], unchecked: Iterable[str] = (), notes: Iterable[str] = ()
+    ) -> None:
         self.problems: tuple[Problem, ...] = tuple(problems)
         self.unchecked: tuple[str, ...] = tuple(dict.fromkeys(unchecked))
+        self.notes: tuple[str, ...] = tuple(notes)
         lines = [str(problem) for problem in self.problems]
         if self.unchecked:
             lines.append(f"Not checked because of these problems: {'; '.join(self.unchecked)}.")
@@ -78,7 +82,7 @@ class ConfigError(OrchestratorError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """From process to process with its problems: of an exception its message alone would be sent."""
-        return type(self), (self.problems, self.unchecked)
+        return type(self), (self.problems, self.unchecked, self.notes)
 
 
 class FmuError(OrchestratorError):
@@ -162,6 +166,8 @@ def error_data(error: BaseException) -> dict[str, Any]:
     if isinstance(error, ConfigError):
         if error.unchecked:
             document["unchecked"] = list(error.unchecked)
+        if error.notes:
+            document["notes"] = list(error.notes)
     elif isinstance(error, StepError):
         document |= {
             "instance": error.instance,

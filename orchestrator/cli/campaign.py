@@ -29,6 +29,7 @@ def add_sweep_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = _SWEEP
     parser.add_argument("study", type=Path, metavar="STUDY.yaml", help="the study")
     parser.add_argument("--store", type=Path, metavar="DIR", help="where the runs are kept; made if need be")
+    parser.add_argument("--out", help=argparse.SUPPRESS)  # as `run` has it: answered by a hint
     parser.add_argument(
         "--jobs", type=int, metavar="N", help="processes; as many as there are cores by default"
     )
@@ -57,7 +58,12 @@ def sweep_main(args: argparse.Namespace) -> int:
     study = pool = None
     if args.jobs is not None and args.jobs < 1:
         problems.append(Problem("--jobs", f"got {args.jobs}", "at least 1"))
-    if args.store is None and not args.check:
+    if args.out is not None:
+        remedy = f"Did you mean --store {args.out}?"
+        problems.append(
+            Problem("--out", "is no option of sweep", "--store DIR, where the runs are kept", remedy)
+        )
+    elif args.store is None and not args.check:
         problems.append(Problem("--store", "is missing", "a folder; it is made if need be"))
     try:
         study = Study.load(args.study)

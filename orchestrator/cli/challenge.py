@@ -15,7 +15,7 @@ from typing import Any
 from ..base.errors import ConfigError, Interrupted, Problem
 from ..results.file_formats import strict
 from ..results.progress import counting
-from .arguments import one_matrix_thread
+from .arguments import check_yaml, one_matrix_thread
 
 __all__ = ["add_arguments", "main"]
 
@@ -127,9 +127,6 @@ def main(args: argparse.Namespace) -> int:
 
 
 def _system(args: argparse.Namespace) -> int:
-    from ..diagnosis.blind.run import Order, check
-    from ..diagnosis.blind.score import summary_text
-
     if (args.config is None) == (args.random is None):
         raise ConfigError(
             [Problem("challenge", "got both" if args.config else "got neither", "CONFIG or --random SEED")]
@@ -141,6 +138,11 @@ def _system(args: argparse.Namespace) -> int:
         raise ConfigError(
             [Problem("--random" if args.config is None else "--seed", f"got {first}", "at least 0")]
         )
+    if args.config is not None:
+        check_yaml(args.config)
+    from ..diagnosis.blind.run import Order, check
+    from ..diagnosis.blind.score import summary_text
+
     order = Order(args.out, range(first, first + args.count), args.config, args.hide)
     with _bar(args.count, "challenge", not args.json) as progress:
         found = check(order, _jobs(args), progress)

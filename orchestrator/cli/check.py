@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ..base.errors import ConfigError
 from .arguments import add_config, add_json, add_requests, print_json, requested_configs
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Iterable
 
 __all__ = ["add_arguments", "main"]
 
@@ -25,7 +27,12 @@ def main(args: argparse.Namespace) -> int:
     from ..simulation.run import prepare
 
     (config,), overrides = requested_configs(args, [args.config])
-    prepared = prepare(config, overrides)
+    try:
+        prepared = prepare(config, overrides)
+    except ConfigError as error:
+        if not args.json:
+            _print_notes(error.notes)
+        raise
     system, run = prepared.system, prepared.config.model.run
     unconnected = {
         f"{one.name}.{name}": one.variable(name).written(one.start[name])
@@ -60,6 +67,10 @@ def main(args: argparse.Namespace) -> int:
     if args.verbose:
         for port, value in unconnected.items():
             print(f"no connection: {port} = {value}")
-    for note in prepared.notes:
-        print(f"note: {note}")
+    _print_notes(prepared.notes)
     return 0
+
+
+def _print_notes(notes: Iterable[str]) -> None:
+    for note in notes:
+        print(f"note: {note}")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..base.errors import ConfigError, Interrupted, OrchestratorError, Problem, listed
+from .arguments import check_yaml
 
 __all__ = ["add_arguments", "main"]
 
@@ -57,6 +58,9 @@ def main(args: argparse.Namespace) -> int:
         what, remedy = "is gone, with the search that weighed a list of effects", "Leave it out: "
         remedy += "`orchestrator diagnose STUDY` searches laws, and needs neither a list nor practice."
         raise ConfigError([Problem(one, what, remedy=remedy) for one in gone])
+    if len(args.cases) == 1:
+        case = args.cases[0]
+        check_yaml(*([case / "case.yaml", case / "study.yaml"] if case.is_dir() else [case]))
     # Imported after the command is known to make sense: machine code takes a second to load.
     from ..diagnosis.rig.diagnose import STAGES
 

@@ -21,8 +21,8 @@ _EXIT_CODES = """exit codes:
   139  an FMU crashed, and the program with it (so says a shell; 134: it aborted); with "isolate: process"
        the crash of an instance is an error of code 1 that names it
 With --json an error is a JSON object on the standard output, too: {"exit_code": 2, "error": {"kind": ...,
-"message": ..., "problems": [{"place", "what", "allowed", "remedy"}, ...], "unchecked": [...]}}; what could
-not be checked because of the problems stands under "unchecked", if anything.
+"message": ..., "problems": [{"place", "what", "allowed", "remedy"}, ...], "unchecked": [...], "notes":
+[...]}}; what could not be checked because of the problems stands under "unchecked", if anything.
 """
 
 # Name -> help, what declares the arguments (None: there are none) and what runs it, "module:function" each:

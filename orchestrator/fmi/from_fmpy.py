@@ -111,6 +111,7 @@ def read_variable(
         description=item.description or "",
         negated=negated,
         intermediate=intermediate,
+        clocks=tuple(clock.name for clock in item.clocks or ()),
     )
 
 

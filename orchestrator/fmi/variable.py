@@ -86,6 +86,7 @@ class Variable:
         negated: whether the value is the negative, of a Boolean the opposite, of what the reference stands
             for (FMI 1.0's negatedAlias).
         intermediate: whether it may be set or got within a step (FMI 3.0's intermediateUpdate).
+        clocks: names of the clocks of which one has to tick before it may be set (FMI 3.0).
     """
 
     name: str
@@ -109,6 +110,7 @@ class Variable:
     elements: int = 1
     negated: bool = False
     intermediate: bool = False
+    clocks: tuple[str, ...] = ()
 
     @property
     def carried(self) -> bool:

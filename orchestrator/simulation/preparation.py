@@ -80,7 +80,8 @@ def prepare(
     """
     judgement = judge(config, overrides, folder)
     if judgement.prepared is None:
-        raise ConfigError(judgement.problems, judgement.unchecked)
+        notes = (*judgement.config.notes, *judgement.system.notes)
+        raise ConfigError(judgement.problems, judgement.unchecked, notes)
     return judgement.prepared
 
 

@@ -115,9 +115,13 @@ def end(port: Port, description: ModelDescription, causality: Causality, place: 
         what = f"{port} cannot be the {side} of a connection: its causality is {variable.causality}"
         return Problem(place, what, offered)
     if variable.shape:
-        return Problem(
-            place, f"{port} is an array of shape {variable.shape}", "only scalars can be connected"
-        )
+        allowed = "only scalars can be connected"
+        if variable.kind is Kind.BINARY:
+            allowed = "of binary variables only scalars can be connected"
+        return Problem(place, f"{port} is an array of shape {variable.shape}", allowed)
+    if variable.clocks and causality is Causality.INPUT:
+        what = f"{port} may be set only while its clock {listed(variable.clocks, 5)} ticks"
+        return Problem(place, what, "it cannot be connected, since no master ticks clocks of FMUs")
     if not (variable.kind.numeric or variable.carried):
         return Problem(place, f"{port} is of type {variable.type}", "it cannot be connected")
     return None

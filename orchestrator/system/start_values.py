@@ -129,8 +129,11 @@ def _without_value(
                 Problem(place, what, f"connections[{feed[0]}] feeds it", "Remove one of the two.")
             )
         elif feed is None and variable.name not in given and f"{part.name}.{variable.name}" not in fed:
-            if variable.shape or not variable.settable or variable.kind is Kind.BINARY:
-                notes.append(f"{place}: input {part.name}.{variable.name} ({variable.type}) is left alone")
+            if variable.shape or not variable.settable or variable.kind is Kind.BINARY or variable.clocks:
+                what = f"input {part.name}.{variable.name} ({variable.type}) is left alone"
+                if variable.clocks:
+                    what += f": it may be set only while its clock {listed(variable.clocks, 5)} ticks"
+                notes.append(f"{place}: {what}")
                 continue
             unfed.append(variable)
     return unfed

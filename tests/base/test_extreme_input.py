@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from time import perf_counter
 
 import pytest
@@ -35,6 +37,47 @@ def test_what_expands_is_refused(tmp_path, capsys, monkeypatch, command, text, p
     assert main([command[0], "x.yaml", *command[1:]]) == 2
     assert problem in capsys.readouterr().err
     assert perf_counter() - begin < 10.0  # hours, and all of the memory, without the limit
+    assert [one.name for one in tmp_path.iterdir()] == ["x.yaml"]
+
+
+PLACES = {
+    "config that another extends": ("base.yaml", "", {"x.yaml": "extends: base.yaml\n"}, "check x.yaml"),
+    "system of a sweep": (
+        "base.yaml", "",
+        {"x.yaml": "format: sweep/1\nsystem: base.yaml\ndesign: {grid: {a: [1]}}\n"}, "sweep x.yaml --check",
+    ),
+    "system of a study": (
+        "base.yaml", "", {"x.yaml": "format: port-study/1\nsystem: base.yaml\nruns: []\n"}, "diagnose x.yaml"
+    ),
+    "folder of a case": ("case/case.yaml", "format: gap-case/1\n", {}, "diagnose case"),
+    "folder of a study": ("case/study.yaml", "format: gap-study/1\n", {}, "diagnose case"),
+    "system of a challenge": ("x.yaml", "", {}, "challenge x.yaml --out made"),
+    "case of a challenge": (
+        "all/a/case.yaml", "format: gap-case/1\n", {}, "challenge run all --verdicts made"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_what_expands_is_refused_wherever_a_command_reads_it(place, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    name, head, beside, command = PLACES[place]
+    for file, text in {name: head + BOMB, **beside}.items():
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / file).write_text(text, encoding="utf-8")
+    assert main(command.split()) in ((1,) if "challenge run" in command else (2,))
+    found = capsys.readouterr().err
+    assert "its aliases stand for 102908548 values" in found and "Traceback" not in found
+
+
+@pytest.mark.parametrize("command", ["diagnose x.yaml", "challenge x.yaml --out made"])
+def test_what_expands_is_refused_before_modules_load_for_seconds(command, tmp_path):
+    (tmp_path / "x.yaml").write_text(BOMB, encoding="utf-8")
+    program = "import sys; from orchestrator.cli.main import main; "
+    program += f"status = main({command.split()}); "
+    program += "print(status, [one for one in sys.modules if one.startswith('orchestrator.diagnosis.')])"
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True)
+    assert done.stdout == "2 []\n" and "its aliases stand for" in done.stderr
     assert [one.name for one in tmp_path.iterdir()] == ["x.yaml"]
 
 

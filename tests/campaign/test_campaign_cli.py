@@ -80,6 +80,9 @@ def test_bad_commands_are_refused_with_all_that_is_wrong(tmp_path, capsys, store
     assert main(["sweep", str(path), "--jobs", "0"]) == 2
     told = capsys.readouterr().err
     assert "--jobs: got 0" in told and "--store: is missing" in told and "cannot take '4 N'" in told
+    assert main(["sweep", str(path), "--out", "here"]) == 2
+    told = capsys.readouterr().err
+    assert "--out: is no option of sweep" in told and "Did you mean --store here?" in told
     assert main(["store", "query", str(store), "select nothing from nowhere"]) == 2
     assert "nowhere" in capsys.readouterr().err
     assert main(["store", "show", str(store), "zzz"]) == 2

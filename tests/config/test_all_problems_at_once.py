@@ -144,6 +144,18 @@ def test_mistakes_of_every_stage_are_told_once_in_the_order_of_the_file(wrong):
     assert (again.problems, again.unchecked) == (caught.value.problems, caught.value.unchecked)
 
 
+def test_notes_are_printed_beside_problems(tmp_path, capsys):
+    path = tmp_path / "wrong.yaml"
+    path.write_text("extends: docking-1d\nconnections: []\nmeasures: {}\nrun: {stop_tme: 1 s}\n")
+    assert main(["check", str(path)]) == 2
+    out, err = capsys.readouterr()
+    assert "stop_tme" in err and out.startswith("note: ") and "have no connection" in out
+    assert main(["check", str(path), "--json"]) == 2
+    (line,) = capsys.readouterr().out.splitlines()
+    notes = json.loads(line)["error"]["notes"]
+    assert [f"note: {one}" for one in notes] == out.splitlines()
+
+
 def test_they_are_all_in_what_is_told_to_machines(wrong, capsys):
     assert main(["check", "--json", str(wrong)]) == 2
     out, err = capsys.readouterr()

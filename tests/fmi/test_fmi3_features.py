@@ -97,6 +97,28 @@ def test_clocks_are_left_to_the_fmu_in_co_simulation_and_said(causality, tmp_pat
     assert made.results["one.sum"][-1] == 2.0
 
 
+def test_clocked_inputs_are_neither_set_nor_connected(tmp_path, capsys):
+    clocked = '<Float64 name="held" valueReference="8" causality="input" variability="discrete" '
+    clocked += 'clocks="9" start="1"/>'
+    fmu = str(foreign.flexible(tmp_path / "Clocked.fmu", CLOCK.format("output") + clocked))
+    made = run(config(fmu), halving=False)  # its fmi3SetFloat64 refuses the reference 8
+    (note, *_) = [one for one in made.summary["notes"] if "one.held" in one]
+    assert note.endswith("one.held (Float64) is left alone: it may be set only while its clock tick ticks")
+    with pytest.raises(ConfigError, match=r"two\.held may be set only while its clock tick ticks"):
+        prepare(config(fmu, connections=["one.sum -> two.held"]))
+
+
+def test_arrays_of_binary_values_are_refused_by_name(tmp_path):
+    array = '<Binary name="many" valueReference="8" causality="{}" variability="discrete">'
+    array += '<Dimension start="2"/></Binary>'
+    source = str(foreign.flexible(tmp_path / "Source.fmu", array.format("output")))
+    target = str(foreign.flexible(tmp_path / "Target.fmu", array.format("input")))
+    wanted = config(source, connections=["one.many -> two.many"])
+    wanted["instances"]["two"]["fmu"] = target
+    with pytest.raises(ConfigError, match="of binary variables only scalars can be connected"):
+        prepare(wanted)
+
+
 def test_clocks_are_refused_in_model_exchange_with_the_reason(tmp_path):
     path = foreign.flexible(tmp_path / "Clocked.fmu", CLOCK.format("output"))
     text = foreign.document("flexible").replace("MORE", CLOCK.format("output"))
