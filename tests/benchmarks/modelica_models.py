@@ -77,7 +77,7 @@ def tried(path: Path, libraries: list[Path], references: Path | None) -> None:
     from orchestrator.translate.audit import experiment
     from orchestrator.translate.build import compiled, model_identifier
     from orchestrator.translate.hybrid import build as hybrid
-    from orchestrator.translate.hybrid.front_end import needs_functions, prepared
+    from orchestrator.translate.hybrid.front_end import dae_form, needed_rewrites, prepared
     from orchestrator.translate.package import this_platform, write_fmu
     from orchestrator.translate.sources import load_sources
 
@@ -86,20 +86,23 @@ def tried(path: Path, libraries: list[Path], references: Path | None) -> None:
         scratch = stack.enter_context(tempfile.TemporaryDirectory())
 
         @cache
-        def session(functions: bool) -> tuple[Any, Path]:
+        def session(rewritten: frozenset[str]) -> tuple[Any, Path]:
             folder = stack.enter_context(tree.marked_copy(renamed=False))
-            roots, _ = prepared(tree, folder, libraries, functions)
+            roots, _ = prepared(tree, folder, libraries, rewritten)
             return rumoca.Session(roots=[str(folder), *map(str, roots)]), folder
 
-        def loaded(name: str, functions: bool = False) -> Any:
-            compiler, folder = session(functions)
+        def loaded(name: str, rewritten: frozenset[str] = frozenset()) -> Any:
+            compiler, folder = session(rewritten)
             try:
                 model = compiler.load(str(folder / tree.main), model=name)
                 return model, json.loads(model.to_json("dae"))
             except rumoca.RumocaError as error:
-                if functions or not needs_functions(str(error)):
+                more = rewritten | needed_rewrites(str(error))
+                if "sections" in more:  # without its algorithms it is no model that rumoca simulates
+                    return None, dae_form(tree, name, libraries)
+                if more == rewritten:
                     raise
-            return loaded(name, True)
+            return loaded(name, more)
 
         for line in sys.stdin:
             name, stage = line.strip(), "compiler"
@@ -134,6 +137,10 @@ def tried(path: Path, libraries: list[Path], references: Path | None) -> None:
                 )
                 if (csv := csvs.get(name.removeprefix("Tried."))) is not None:
                     answer = referenced(found, csv) | {"states": counts["states"]}
+                    print("@" + json.dumps({"stage": stage, **answer}), flush=True)
+                    continue
+                if model is None:
+                    answer = {"what": "rumoca does not simulate it", "states": counts["states"]}
                     print("@" + json.dumps({"stage": stage, **answer}), flush=True)
                     continue
                 config = rumoca.SimConfig(rtol=1e-8, atol=1e-9, dt=stop / 100, max_wall_seconds=20.0)

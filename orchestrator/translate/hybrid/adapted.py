@@ -10,12 +10,24 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+from orchestrator.base.digests import digest_of
+
 from ..classes import within_clause
 from ..lexer import Token, tokenise
-from .algorithms import as_equations
 
+Sections = dict[str, "Section"]
 Objects = Mapping[str, Sequence[tuple[str, str, str]]]
-__all__ = ["ANY", "ANY_MODEL", "CALL", "MARK", "adapted", "class_texts", "external_objects", "function_body"]
+__all__ = [
+    "ANY",
+    "ANY_MODEL",
+    "CALL",
+    "MARK",
+    "Section",
+    "adapted",
+    "class_texts",
+    "external_objects",
+    "function_body",
+]
 
 MARK = "adapted_"
 CALL = f"{MARK}call"
@@ -46,6 +58,24 @@ class _Class:
 
 
 @dataclass(frozen=True)
+class Section:
+    """An algorithm section that the compiler does not see.
+
+    Attributes:
+        scope: qualified name of its class.
+        text: its statements.
+        initial: whether it is an initial algorithm.
+        file, line: where it stands.
+    """
+
+    scope: str
+    text: str
+    initial: bool
+    file: str
+    line: int
+
+
+@dataclass(frozen=True)
 class _Edit:
     """Text in place of that between two offsets."""
 
@@ -71,6 +101,7 @@ def adapted(
     common: bool = False,
     models: frozenset[str] = frozenset(),
     functions: bool = True,
+    sections: Sections | None = None,
 ) -> str:
     """A file as the compiler takes it.
 
@@ -80,13 +111,17 @@ def adapted(
         common: whether its models extend `ANY`.
         models: qualified names of models, which imports must not go through.
         functions: whether those with while, break or return become external: the compiler evaluates none.
+        sections: where algorithm sections are put which the compiler is not to see; None: it sees them.
     """
     rewrites: list[tuple[bool, Callable[[str, Sequence[Token], list[_Class]], Iterator[_Edit]]]] = [
+        (
+            sections is not None and bool(re.search(r"\balgorithm\b", text)),
+            lambda *all_of: _hidden(*all_of, {} if sections is None else sections, file),
+        ),
         (bool(re.search(r"\bder\s*\(\s*(?![\w.\[\]]*\s*\))", text)), _derivatives),
         (any(one in text for one in objects or ()), lambda *all_of: _objects(*all_of, objects or {})),
         (bool(re.search(r"\bderivative\s*[=(]", text)), _annotated),
         (functions and bool(re.search(r"\b(while|break|return)\b", text)), _functions),
-        (bool(re.search(r"\balgorithm\b", text) and re.search(r"\bwhen\b", text)), _algorithms),
         (bool(re.search(r"\bencapsulated\s+partial\s+model\b", text)), _lifted),
         (
             any(
@@ -118,16 +153,10 @@ def class_texts(text: str, file: str, kind: str) -> dict[str, str]:
     """The text of each class of a kind in a file by its qualified name."""
     tokens = tokenise(text, file)
     found: dict[str, str] = {}
-
-    def add(classes: Iterable[_Class], prefix: str) -> None:
-        for one in classes:
-            name = f"{prefix}.{one.name}" if prefix else one.name
-            if one.kind == kind:
-                first = one.start - (tokens[one.start - 1].text in ("pure", "impure") and one.start > 0)
-                found[name] = _slice(text, tokens, first, one.end + 2)
-            add(one.inner, name)
-
-    add(_classes(tokens), within_clause(tokens))
+    for name, one in _named(_classes(tokens), within_clause(tokens)):
+        if one.kind == kind:
+            first = one.start - (one.start > 0 and tokens[one.start - 1].text in ("pure", "impure"))
+            found[name] = _slice(text, tokens, first, one.end + 2)
     return found
 
 
@@ -391,23 +420,40 @@ def _names(tokens: Sequence[Token], begin: int, end: int) -> list[str]:
 _SECTIONS = frozenset("equation algorithm initial public protected annotation external".split())
 
 
-def _algorithms(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Iterator[_Edit]:
-    """Algorithm sections with when-statements that depend on each other become equations."""
-    for one in _all(classes):
+def _hidden(
+    text: str, tokens: Sequence[Token], classes: list[_Class], sections: Sections, file: str
+) -> Iterator[_Edit]:
+    """Algorithm sections are taken out; a parameter stands for each."""
+    for scope, one in _named(classes, within_clause(tokens)):
         own = list(_own(one)) if one.kind in ("model", "block", "class") else []
         for number, place in enumerate(own):
-            if tokens[place].text != "algorithm" or tokens[place - 1].text == "initial":
+            if tokens[place].text != "algorithm":
                 continue
             last = number + 1
             while last < len(own) and not _begins_section(tokens, own[last]):
                 last += 1
-            if own[last - 1] - place != last - 1 - number:  # a class stands within
+            if own[last - 1] == place or own[last - 1] - place != last - 1 - number:  # a class stands within
                 continue
-            content = as_equations(tokens[place + 1 : own[last - 1] + 1])
-            if content is not None:
-                old = _slice(text, tokens, place, own[last - 1])
-                end = _end_of(tokens[own[last - 1]])
-                yield _Edit(tokens[place].start, end, _lines_kept(old, f"equation {content}"))
+            initial = tokens[place - 1].text == "initial"
+            statements = _slice(text, tokens, place + 1, own[last - 1])
+            made = Section(scope, statements, initial, file, tokens[place].line)
+            key = digest_of(repr(made).encode())[:12]
+            sections[key] = made
+            name = f"{MARK}section_{key}_of_{one.name if one.name.isidentifier() else 'class'}"
+            old = _slice(text, tokens, place - initial, own[last - 1])
+            yield _Edit(
+                tokens[place - initial].start,
+                _end_of(tokens[own[last - 1]]),
+                _lines_kept(old, f"protected final parameter Real {name} = 0; equation"),
+            )
+
+
+def _named(classes: Iterable[_Class], prefix: str) -> Iterator[tuple[str, _Class]]:
+    """All classes with their qualified names."""
+    for one in classes:
+        name = f"{prefix}.{one.name}" if prefix else one.name
+        yield name, one
+        yield from _named(one.inner, name)
 
 
 def _begins_section(tokens: Sequence[Token], place: int) -> bool:

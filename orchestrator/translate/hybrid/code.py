@@ -173,6 +173,8 @@ class _Writer:
         layout, kind = self._layout, one.args[0]
         if kind in ("t", "initial", "homotopy"):
             return f"h->{kind}"
+        if kind == "rise":
+            return f"(h->rise[{one.args[1]}] != 0)"
         if kind == "mode":
             return f"h->z[{layout.mode_slot + one.args[1]}]"
         if one in layout.inputs:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -20,10 +20,13 @@ from orchestrator.base.errors import BuildError
 from ..faults import PlacedError, placed
 from ..sources import DELAY, Location, Spans
 from . import expression as ex
-from .adapted import CALL, MARK
+from .adapted import CALL, MARK, Section, Sections
+from .arrays import FUNCTIONS, OPERATORS, REDUCTIONS, STEPS, each, product, stacked
 from .expression import Expr
 from .external import external_call
-from .functions import Source, call
+from .functions import CONSTANTS, Source, call, named_constant
+from .sections import Run, hidden_section, set_by_events
+from .statements import FunctionSource
 from .tables import Table, read_table
 
 __all__ = ["Action", "Branch", "Condition", "DaeModel", "Discrete", "Scalar", "read_dae"]
@@ -36,11 +39,6 @@ _RELATIONS = {
     "less": "lt", "less_equal": "le", "greater": "gt", "greater_equal": "ge", "equal": "eq",
     "not_equal": "ne",
 }  # fmt: skip
-_FUNCTIONS = {
-    "abs": "fabs", "sin": "sin", "cos": "cos", "tan": "tan", "asin": "asin", "acos": "acos", "atan": "atan",
-    "atan2": "atan2", "sinh": "sinh", "cosh": "cosh", "tanh": "tanh", "exp": "exp", "log": "log",
-    "log10": "log10", "sqrt": "sqrt",
-}  # fmt: skip
 _ROLES = {
     "discrete_real": "discrete", "discrete_value": "discrete", "constant": "parameter", "output": "algebraic",
 }  # fmt: skip
@@ -48,8 +46,6 @@ _ROLES = {
 _REFERENCES = (
     "state", "algebraic", "output", "discrete_real", "discrete_value", "input", "parameter", "constant",
 )  # fmt: skip
-# Functions whose value jumps: outside noEvent they are held between events.
-_STEPS = {"floor": "floor", "ceil": "ceil", "integer": "floor", "sign": "sign"}
 _ZERO = ex.number(0)
 
 
@@ -131,6 +127,7 @@ class DaeModel:
         origins, initial_origins: places of the equations and initial equations.
         declared: places of the variables, by their number.
         built_in: parameters whose value cannot be set any more.
+        remarks: what the author of the model has to know.
     """
 
     name: str
@@ -149,6 +146,7 @@ class DaeModel:
     origins: list[Location | None] = field(default_factory=list)
     initial_origins: list[Location | None] = field(default_factory=list)
     declared: list[Location | None] = field(default_factory=list)
+    remarks: tuple[str, ...] = ()
 
     def refusal(self, what: str, place: Location | None = None) -> BuildError:
         """An error about the model, with a place if it is known."""
@@ -181,11 +179,10 @@ def read_dae(
         ("delays", "delay() beside events"),
         ("previous_values", "previous() of clocked models"),
         ("model_event_transactions", "an algorithm whose steps depend on each other at an event"),
-        ("terminals", "terminal()"),
     ):
         if storage.get(key):
             raise placed(_refuse(name, what), _first_place(storage[key], spans))
-    reader = _Reader(storage, name, spans, folders, functions)
+    reader = _Reader(storage, name, spans, folders, functions, document.get("sections", {}))
     try:
         return reader.model()
     except BuildError as error:
@@ -209,7 +206,6 @@ _INSTEAD = {
     "text": "choose by an Integer or an enumeration",
     "previous()": "use sample() and pre()",
     "clock": "use sample() and pre()",
-    "terminal()": "use a condition of time",
     "reinit of an array": "reinit its elements one by one",
     "calls itself": "write it as a for-loop",
     "range": "give its bounds as numbers or constants",
@@ -225,9 +221,20 @@ def _refuse(name: str, what: str) -> BuildError:
 
 class _Reader:
     def __init__(
-        self, storage: Json, name: str, spans: Spans, folders: Sequence[Path], functions: Source
+        self,
+        storage: Json,
+        name: str,
+        spans: Spans,
+        folders: Sequence[Path],
+        functions: Source,
+        sections: Sections,
     ) -> None:
         self._s = storage
+        self._sections = sections
+        self._remarks: list[str] = []
+        self._conditions: list[Condition] = []
+        self._actions: list[Action] = []
+        self._clocks: list[tuple[float, float]] = []
         self._functions = functions
         self._spans = spans
         self.here: Json = {}  # of what is read
@@ -271,6 +278,13 @@ class _Reader:
         self._pre: list[np.ndarray] = []
         scalars = self._scalars
         declared: list[Location | None] = []
+        self._by_name = {one["name"]: number for number, one in enumerate(self._s["variables"])}
+        hidden = [found for one in self._by_name if (found := hidden_section(one, self._sections))]
+        for name in (name for one in hidden for name in set_by_events(*one)):
+            for variable in self._s["variables"]:
+                real = self._s["value_types"][variable["value_type"]]["scalar"] == "real"
+                if real and re.sub(r"\[[\d,]*\]", "", variable["name"]) == re.sub(r"\[[\d,]*\]", "", name):
+                    variable["role"] = "discrete_real"
         for variable in self._s["variables"]:
             self.here = variable["declaration"]
             shape = tuple(self._s["value_types"][variable["value_type"]]["dimensions"])
@@ -299,39 +313,50 @@ class _Reader:
         equations, origins = self._residuals("continuous_equation_operations")
         initial, initial_origins = self._residuals("initialization_equation_operations")
         discretes = self._discretes()
-        conditions = []
         for one in self._s["conditions"]:
             self.here = one.get("provenance", {})
-            conditions.append(self._condition(one["node"]))
-        actions = [self._action(one) for one in self._s["event_actions"]]
-        values = []
+            self._conditions.append(self._condition(one["node"]))
+        self._actions = [self._action(one) for one in self._s["event_actions"]]
+        self._clocks = [self._clock(one["kind"]) for one in self._s["clocks"]]
+        values: list[tuple[Expr, Expr]] = []
+        for owner, section in hidden:
+            done = Run(self, owner, section)
+            equations += done.equations
+            origins += [Location(section.file, section.line)] * len(done.equations)
+            discretes += [Discrete(place, (Branch(value),)) for place, value in done.values]
+            for place, value in done.starts:
+                if self.role_of(place) == "discrete":
+                    values.append((place, value))
+                else:
+                    initial.append(ex.sub(place, value))
+                    initial_origins.append(Location(section.file, section.line))
+
         for key in ("initial_discrete_values", "initial_parameter_values"):
             for one in self._s[key]:
                 target = self._elements[one["target"]].ravel()
                 values += list(zip(target, self._flat(one["value"], len(target)), strict=True))
         # An initial equation v = expression of a discrete variable is its initial value.
         held = {one.value for one in scalars if one.role == "discrete"}
-        places = []
+        moved = []
         for place, one in enumerate(initial):
             sides = one.args if one.op == "sub" else ()
             for target, value in (sides, sides[::-1]) if sides else ():
                 if target in held - {known for known, _ in values} and target not in value.free:
                     values.append((target, value))
-                    places.append(place)
+                    moved.append(place)
                     break
-        for place in reversed(places):
+        for place in reversed(moved):
             del initial[place], initial_origins[place]
-        clocks = [self._clock(one["kind"]) for one in self._s["clocks"]]
         instants = [self._ratio(one["instant"]) for one in self._s["time_events"] if "instant" in one]
         expand_derivatives(self._name, scalars, equations)
         for one, place in zip([*equations, *initial], [*origins, *initial_origins], strict=False):
             for text in (symbol.args[1] for symbol in one.free if symbol.args[0] == "text"):
                 raise placed(_refuse(self._name, f"the text {text!r} in an equation"), place)
         return DaeModel(
-            self._name, scalars, equations, initial, values, discretes, actions, conditions, self._modes,
-            clocks,
+            self._name, scalars, equations, initial, values, discretes, self._actions, self._conditions,
+            self._modes, self._clocks,
             sorted(set(instants)), tuple(self._valueless), tuple(dict.fromkeys(self._built_in)), origins,
-            initial_origins, declared,
+            initial_origins, declared, tuple(dict.fromkeys(self._remarks)),
         )  # fmt: skip
 
     def _scalar(self, variable: Json, name: str) -> Scalar:
@@ -476,6 +501,8 @@ class _Reader:
         if isinstance(node, str):
             if node in ("always", "initial"):
                 return Condition(node)
+            if node == "terminal":
+                return self._at_the_end()
             raise _refuse(self._name, f"a condition {node}()")
         ((kind, content),) = node.items()
         match kind:
@@ -495,6 +522,108 @@ class _Reader:
             case "any_rise":
                 return Condition("rise", (content["lhs"], content["rhs"]))
         raise _refuse(self._name, f"a condition of the kind {kind}")
+
+    def _at_the_end(self) -> Condition:
+        self._remarks.append(
+            "what it does when terminal() is left out: an FMU does not know its end beforehand"
+        )
+        return Condition("value", (_ZERO,))
+
+    # For algorithm sections
+
+    def events_so_far(self) -> tuple[int, ...]:
+        """Numbers of modes, conditions, actions and clocks."""
+        return len(self._modes), len(self._conditions), len(self._actions), len(self._clocks)
+
+    def forget_events(self, before: tuple[int, ...]) -> None:
+        """Drop what has been added since `events_so_far`."""
+        for one in self._modes[before[0] :]:
+            del self._mode_of[one]
+        held = (self._modes, self._conditions, self._actions, self._clocks)
+        for kept, count in zip(held, before, strict=True):
+            del kept[count:]
+
+    def number_of(self, name: str) -> int | None:
+        """Number of a variable; None if there is none of this name."""
+        return self._by_name.get(name)
+
+    def numbers_like(self, pattern: str) -> list[int]:
+        return [number for name, number in self._by_name.items() if re.fullmatch(pattern, name)]
+
+    def places_of(self, number: int) -> np.ndarray:
+        return self._elements[number]
+
+    def pre_of(self, number: int) -> np.ndarray:
+        return self._pre[number]
+
+    def role_of(self, place: Expr) -> str:
+        return self._scalars[place.args[1]].role
+
+    def before(self, place: Expr) -> Expr:
+        """What a variable is before a section assigns it."""
+        scalar = self._scalars[place.args[1]]
+        return ex.symbol("pre", place.args[1]) if scalar.role == "discrete" else scalar.start
+
+    def hold(self, events: bool) -> bool:
+        """Whether relations are events from now on; returns whether they were."""
+        before, self._events = self._events, events
+        return before
+
+    def relation(self, op: str, a: Expr, b: Expr) -> Expr:
+        return self._relation(op, a, b)
+
+    def stepped(self, name: str, a: Expr) -> Expr:
+        return self._stepped(name, a)
+
+    def quotient(self, name: str, a: Any, b: Any) -> Any:
+        return self._quotient({"builtin": name}, a, b)
+
+    def selected(self, base: np.ndarray, axis: int, chosen: Expr) -> Any:
+        return self._selected(base, axis, chosen)
+
+    def number(self, value: Expr, what: str) -> float:
+        return self._number(value, what)
+
+    def add_condition(self, kind: str, *operands: Any) -> int:
+        """Number of a condition."""
+        made = self._at_the_end() if kind == "terminal" else Condition(kind, operands)
+        self._conditions.append(made)
+        return len(self._conditions) - 1
+
+    def add_clock(self, start: float, period: float) -> int:
+        """Number of the condition that a clock ticks."""
+        self._clocks.append((start, period))
+        return self.add_condition("clock", len(self._clocks) - 1)
+
+    def add_action(
+        self, kind: str, trigger: int, *, target: Expr | None = None, value: Expr | None = None,
+        message: str = "",
+    ) -> None:  # fmt: skip
+        self._actions.append(Action(kind, trigger, trigger, target, value, message))
+
+    @property
+    def function_texts(self) -> Source:
+        return self._functions
+
+    def function_near(self, name: str, scope: str) -> FunctionSource | None:
+        """A function as a class names it."""
+        while True:
+            if found := self._functions(f"{scope}.{name}" if scope else name):
+                return found
+            if not scope:
+                return None
+            scope = scope.rpartition(".")[0]
+
+    def constant(self, name: str, section: Section) -> float | None:
+        """The value of a constant of the library, or of a member of an enumeration, which a name means."""
+        if (value := named_constant(name)) is not None:
+            return value
+        owner, _, member = name.rpartition(".")
+        if not owner:
+            return CONSTANTS.get(name) if name == "pi" else None
+        known = getattr(self._functions, "members", lambda _: [])(owner.rpartition(".")[2])
+        ordinals = {names.index(member) + 1 for names in known if member in names}
+        return float(ordinals.pop()) if len(ordinals) == 1 else None
 
     def _action(self, action: Json) -> Action:
         self.here = action.get("provenance", {})
@@ -578,16 +707,16 @@ class _Reader:
                 return bound["value", content["value"]]
             case "unary":
                 if content["operator"] == "not":
-                    return _each(lambda a: ex.logical("not", a), at(content["operand"]))
+                    return each(lambda a: ex.logical("not", a), at(content["operand"]))
                 if content["operator"] == "negate":
-                    return _each(ex.neg, at(content["operand"]))
+                    return each(ex.neg, at(content["operand"]))
                 return at(content["operand"])
             case "binary":
                 return self._binary(content["operator"], at(content["lhs"]), at(content["rhs"]))
             case "runtime_quotient_owner":
                 return self._quotient(content, at(content["lhs"]), at(content["rhs"]))
             case "array":
-                return _stacked([at(one) for one in operands])
+                return stacked([at(one) for one in operands])
             case "index":
                 base = content["base"]
                 return self._indexed(
@@ -637,6 +766,8 @@ class _Reader:
             )
         if kind == "condition":
             return self._truth(where)
+        if kind == "terminal":
+            return self._at_the_end().operands[0]
         table = self._pre if kind.startswith("pre_") else self._elements
         if kind.removeprefix("pre_") in _REFERENCES:
             return table[where][()] if not table[where].shape else table[where]
@@ -645,6 +776,8 @@ class _Reader:
     def _truth(self, number: int) -> Expr:
         """Whether a condition holds, as an expression."""
         node = self._s["conditions"][number]["node"]
+        if node == "terminal":
+            return _ZERO
         if node in ("always", "initial"):
             return ex.ONE if node == "always" else ex.symbol("initial")
         ((kind, content),) = node.items()
@@ -662,14 +795,14 @@ class _Reader:
     def _binary(self, operator: str, a: Any, b: Any) -> Any:
         if operator == "multiply":
             left, right = np.asarray(a, dtype=object), np.asarray(b, dtype=object)
-            return _product(left, right) if left.ndim and right.ndim else _each(ex.mul, a, b)
+            return product(left, right) if left.ndim and right.ndim else each(ex.mul, a, b)
         if operator in _RELATIONS:
-            return _each(partial(self._relation, _RELATIONS[operator]), a, b)
-        for name, make in _OPERATORS.items():
+            return each(partial(self._relation, _RELATIONS[operator]), a, b)
+        for name, make in OPERATORS.items():
             if operator in (name, f"elementwise_{name}", f"element_{name}"):
                 if name == "power" and np.ndim(a) == 2:
                     raise _refuse(self._name, "a power of a matrix")
-                return _each(make, a, b)
+                return each(make, a, b)
         raise _refuse(self._name, f"the operator {operator}")
 
     def _relation(self, op: str, a: Expr, b: Expr) -> Expr:
@@ -714,7 +847,7 @@ class _Reader:
             whole = self._stepped("floor" if content["builtin"] == "mod" else "trunc", ratio)
             return whole if content["builtin"] == "div" else ex.sub(x, ex.mul(whole, y))
 
-        return _each(one, a, b)
+        return each(one, a, b)
 
     def _indexed(self, base: Any, subscripts: list[Json], bound: Mapping[Any, Any]) -> Any:
         places: list[Any] = []
@@ -780,7 +913,7 @@ class _Reader:
         found = parts[-1]
         for place in range(len(parts) - 2, -1, -1):
             here = ex.logical("eq", chosen, ex.number(place + 1))
-            found = _each(partial(ex.conditional, here), parts[place], found)
+            found = each(partial(ex.conditional, here), parts[place], found)
         return found
 
     def _range(self, content: Json, bound: Mapping[Any, Any]) -> Any:
@@ -802,8 +935,8 @@ class _Reader:
             for values in itertools.product(*(values for _, values in binders))
         ]
         shape = tuple(len(values) for _, values in binders)
-        stacked = _stacked(made)
-        return stacked.reshape(shape + stacked.shape[1:])
+        found = stacked(made)
+        return found.reshape(shape + found.shape[1:])
 
     def _conditional(self, operands: list[int], bound: Mapping[Any, Any]) -> Any:
         pairs, otherwise = operands[:-1], operands[-1]
@@ -820,10 +953,10 @@ class _Reader:
         for condition, value in reversed(cases):
             if isinstance(found, tuple):
                 found = tuple(
-                    _each(partial(ex.conditional, condition), a, b) for a, b in zip(value, found, strict=True)
+                    each(partial(ex.conditional, condition), a, b) for a, b in zip(value, found, strict=True)
                 )
                 continue
-            found = _each(partial(ex.conditional, condition), value, found)
+            found = each(partial(ex.conditional, condition), value, found)
         return found
 
     def _builtin(self, name: str, operands: list[int], bound: Mapping[Any, Any]) -> Any:
@@ -834,18 +967,18 @@ class _Reader:
             finally:
                 self._events = before
         values = [self._at(one, bound) for one in operands]
-        if name in _FUNCTIONS:
-            return _each(partial(ex.function, _FUNCTIONS[name]), *values)
-        if name in _STEPS:
-            return _each(partial(self._stepped, _STEPS[name]), values[0])
-        if name in _REDUCTIONS:
-            return _REDUCTIONS[name](values)
+        if name in FUNCTIONS:
+            return each(partial(ex.function, FUNCTIONS[name]), *values)
+        if name in STEPS:
+            return each(partial(self._stepped, STEPS[name]), values[0])
+        if name in REDUCTIONS:
+            return REDUCTIONS[name](values)
         if name in ("mod", "div", "rem"):
             return self._quotient({"builtin": name}, *values)
         if name == "homotopy":
             share = ex.symbol("homotopy")
             rest = ex.sub(ex.ONE, share)
-            return _each(lambda a, b: a if a is b else ex.add(ex.mul(share, a), ex.mul(rest, b)), *values[:2])
+            return each(lambda a, b: a if a is b else ex.add(ex.mul(share, a), ex.mul(rest, b)), *values[:2])
         if name in ("promoted_cat1", "promoted_cat2"):
             # A vector counts as a column (Modelica Language Specification 3.6, section 10.4.2).
             promoted = [np.asarray(one, dtype=object) for one in values]
@@ -876,7 +1009,7 @@ class _Reader:
             # Where an assertion fails, the function has no value, and the run ends.
             if (holds := inside.get("holds", ex.ONE)) is ex.ONE:
                 return found
-            kept = partial(_each, lambda one: ex.conditional(holds, one, ex.number(np.nan)))
+            kept = partial(each, lambda one: ex.conditional(holds, one, ex.number(np.nan)))
             return tuple(map(kept, found)) if isinstance(found, tuple) else kept(found)
         except KeyError as error:
             raise _refuse(
@@ -1072,108 +1205,3 @@ def expand_derivatives(name: str, scalars: list[Scalar], equations: list[Expr]) 
         for _ in range(len(by)):  # one may stand in another
             equation = ex.substituted(equation, by)
         equations[place] = equation
-
-
-def _each(make: Callable[..., Expr], *values: Any) -> Any:
-    """A function of scalars for each element."""
-    arrays = [np.asarray(one, dtype=object) for one in values]
-    if not any(one.ndim for one in arrays):
-        return make(*(one.item() for one in arrays))
-    spread = np.broadcast_arrays(*arrays)
-    made = np.empty(spread[0].shape, dtype=object)
-    for index in np.ndindex(*made.shape):
-        made[index] = make(*(one[index] for one in spread))
-    return made
-
-
-def _stacked(values: list[Any]) -> np.ndarray:
-    arrays = [np.asarray(one, dtype=object) for one in values]
-    made = np.empty((len(arrays), *(arrays[0].shape if arrays else ())), dtype=object)
-    for place, one in enumerate(arrays):
-        made[place] = one if one.ndim else one.item()
-    return made
-
-
-def _total(values: Iterable[Expr]) -> Expr:
-    found = _ZERO
-    for one in values:
-        found = ex.add(found, one)
-    return found
-
-
-def _product(a: np.ndarray, b: np.ndarray) -> Any:
-    """Product of vectors and matrices."""
-    if a.ndim == b.ndim == 1:
-        return _total(ex.mul(x, y) for x, y in zip(a, b, strict=True))
-    left, right = np.atleast_2d(a), b if b.ndim == 2 else b[:, None]
-    made = np.empty((left.shape[0], right.shape[1]), dtype=object)
-    for row, column in np.ndindex(*made.shape):
-        made[row, column] = _product(left[row], right[:, column])
-    return made if a.ndim == b.ndim == 2 else made.ravel()
-
-
-def _reduced(make: Callable[[Expr, Expr], Expr], values: list[Any]) -> Any:
-    if len(values) > 1:
-        return _each(make, *values)
-    flat = list(np.ravel(np.asarray(values[0], dtype=object)))
-    found = flat[0]
-    for one in flat[1:]:
-        found = make(found, one)
-    return found
-
-
-def _cross(values: list[Any]) -> np.ndarray:
-    a, b = values
-    pairs = ((1, 2), (2, 0), (0, 1))
-    return _stacked([ex.sub(ex.mul(a[i], b[j]), ex.mul(a[j], b[i])) for i, j in pairs])
-
-
-def _skew(v: np.ndarray) -> np.ndarray:
-    x, y, z = v
-    return np.array([[_ZERO, ex.neg(z), y], [z, _ZERO, ex.neg(x)], [ex.neg(y), x, _ZERO]], dtype=object)
-
-
-def _whole(one: Any) -> int:
-    """A size that is known when the model is built."""
-    value = np.asarray(one, dtype=object).item()
-    if value.op != "num":
-        raise BuildError("a size that is not known when the model is built is not supported")
-    return int(value.args[0])
-
-
-def _linspace(first: Expr, last: Expr, count: Expr) -> np.ndarray:
-    n = _whole(count)
-    step = ex.div(ex.sub(last, first), ex.number(n - 1))
-    return _stacked([ex.add(first, ex.mul(ex.number(k), step)) for k in range(n)])
-
-
-_OPERATORS: dict[str, Callable[[Expr, Expr], Expr]] = {
-    "add": ex.add, "subtract": ex.sub, "multiply": ex.mul, "divide": ex.div, "power": ex.power,
-    "and": partial(ex.logical, "and"), "or": partial(ex.logical, "or"),
-}  # fmt: skip
-_REDUCTIONS: dict[str, Callable[[list[Any]], Any]] = {
-    "min": partial(_reduced, partial(ex.function, "fmin")),
-    "max": partial(_reduced, partial(ex.function, "fmax")),
-    "sum": partial(_reduced, ex.add),
-    "product": partial(_reduced, ex.mul),
-    "transpose": lambda values: np.asarray(values[0], dtype=object).T,
-    "cross": _cross,
-    "skew": lambda values: _skew(*values),
-    "outer_product": lambda values: _stacked([[ex.mul(a, b) for b in values[1]] for a in values[0]]),
-    "scalar": lambda values: np.ravel(values[0])[0],
-    "vector": lambda values: np.ravel(values[0]),
-    "matrix": lambda values: np.asarray(values[0], dtype=object).reshape(np.shape(values[0])[0], -1),
-    "zeros": lambda values: np.full([_whole(one) for one in values], _ZERO, dtype=object),
-    "ones": lambda values: np.full([_whole(one) for one in values], ex.ONE, dtype=object),
-    "fill": lambda values: np.full([_whole(one) for one in values[1:]], values[0], dtype=object),
-    "identity": lambda values: np.array(
-        [[ex.ONE if i == j else _ZERO for j in range(_whole(values[0]))] for i in range(_whole(values[0]))],
-        dtype=object,
-    ),
-    "diagonal": lambda values: np.array(
-        [[one if i == j else _ZERO for j in range(len(values[0]))] for i, one in enumerate(values[0])],
-        dtype=object,
-    ),
-    "linspace": lambda values: _linspace(*values),
-    "size": lambda values: ex.number(np.shape(values[0])[_whole(values[1]) - 1]),
-}  # fmt: skip

@@ -10,6 +10,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,12 @@ from orchestrator.base.temporary_folders import cache_folder
 from ..compiler import TIME_LIMIT, compile_model
 from ..complaints import CompilerRefusal, explained
 from ..flatten import called_partial, flatten, message_of, syntax_faults
+from ..lexer import tokenise
 from ..redeclared import refuse_mixed_packages
 from ..sources import SourceTree, Spans
 from . import adapted as rules
-from .adapted import ANY, ANY_MODEL, Objects, adapted, class_texts, external_objects
-from .functions import FunctionSource
+from .adapted import ANY, ANY_MODEL, Objects, Section, Sections, adapted, class_texts, external_objects
+from .statements import FunctionSource
 
 __all__ = ["FunctionTexts", "adapts", "dae_form", "flat_form", "library_paths", "modernised", "prepared"]
 
@@ -82,6 +84,8 @@ _answers: dict[tuple[object, ...], tuple[dict[str, Any], Spans]] = {}
 _MOST_ANSWERS = 4
 _MOST_COPIES = 4  # of libraries, each of some 26 MB
 _IN_USE = 3600.0  # [s]
+_TRANSACTIONS = "model_event_transactions"  # algorithms whose statements depend on each other at an event
+_SECTIONS = "sections.json"  # of the copy of a library
 
 
 def _forms(
@@ -91,9 +95,9 @@ def _forms(
     time_limit: float,
     partial: bool,
     stages: tuple[str, ...],
-    functions: bool = False,
+    rewritten: frozenset[str] = frozenset(),
 ) -> tuple[dict[str, Any], Spans]:
-    """The compiler's forms of a model by their names, and places."""
+    """The compiler's forms of a model by their names, and places; `rewritten` as of `prepared`."""
     libraries = _used(tree, libraries)
     key = (tree.root, tuple(tree.texts.items()), model, tuple(libraries), partial)
     known = _answers.get(key)
@@ -103,23 +107,31 @@ def _forms(
     # Names of a library cannot be changed, so those of the model stay as well.
     with tree.marked_copy(renamed=not libraries) as folder:
         restored = tree.restored if not libraries else str
-        roots, changed = prepared(tree, folder, libraries, functions)
-        inserted = called_partial(tree, model, folder) if partial else ("", 0, 0)
+        sections: Sections = {}
+        roots, changed = prepared(tree, folder, libraries, rewritten, sections)
+        # Without the sections, equations are missing: the translation counts them itself.
+        inserted = called_partial(tree, model, folder) if partial or sections else ("", 0, 0)
         answer = compile_model(tree, model, folder, stages, roots, restored=restored, limit=time_limit)
         if answer.refusal:
-            if not functions and needs_functions(answer.refusal):
-                return _forms(tree, model, libraries, time_limit, partial, stages, functions=True)
+            more = rewritten | needed_rewrites(answer.refusal)
+            if more != rewritten and ("sections" not in more or "flat" not in stages):
+                return _forms(tree, model, libraries, time_limit, partial, stages, more)
             if wrong := syntax_faults(tree.texts, tree.shown):
                 raise BuildError("\n".join(wrong))
             text = _short(answer.refusal.replace(f"{folder}/", tree.label))
-            again = None if libraries else lambda other: message_of(other, model, partial)
-            raise CompilerRefusal(explained(tree, model, text, again))
+            asked = None if libraries else lambda other: message_of(other, model, partial)
+            raise CompilerRefusal(explained(tree, model, text, asked))
         forms = answer.forms
         prefix = f"{folder.as_posix()}/"
+        if "flat" not in stages and "sections" not in rewritten and forms["dae"]["storage"][_TRANSACTIONS]:
+            again = rewritten | {"sections"}
+            return _forms(tree, model, libraries, time_limit, partial, stages, again)
         files = {
             number: (path.replace("\\", "/").removeprefix(prefix), text)
             for number, path, text in forms["dae"]["source_map"]["files"]
         }
+    restored_texts = {key: replace(one, text=restored(one.text)) for key, one in sections.items()}
+    forms["dae"]["sections"] = restored_texts
     while len(_answers) >= _MOST_ANSWERS:
         _answers.pop(next(iter(_answers)))
     _answers[key] = forms, Spans(tree, files, not libraries, inserted, changed)
@@ -140,23 +152,37 @@ def _used(tree: SourceTree, libraries: Sequence[Path]) -> list[Path]:
     return found
 
 
-def needs_functions(refusal: str) -> bool:
-    """Whether the compiler refuses statements of a function; see `prepared`."""
-    return bool(re.search(r"owner `function (statement|return|loop)|missing function value", refusal))
+def needed_rewrites(refusal: str) -> frozenset[str]:
+    """What `prepared` has to rewrite for a model that the compiler refuses."""
+    needed = set()
+    if re.search(r"owner `function (statement|return|loop)|missing function value", refusal):
+        needed.add("functions")
+    if re.search(r"unsupported (model|initial) algorithm|(for|while|if|when)-statement", refusal):
+        needed.add("sections")
+    return frozenset(needed)
 
 
 def prepared(
-    tree: SourceTree, folder: Path, libraries: Sequence[Path], functions: bool = False
+    tree: SourceTree,
+    folder: Path,
+    libraries: Sequence[Path],
+    rewritten: frozenset[str] = frozenset(),
+    sections: Sections | None = None,
 ) -> tuple[list[Path], frozenset[str]]:
     """Rewrite the copy of a model's sources as the compiler takes them.
 
     Args:
-        functions: whether those with while, break or return become external.
+        rewritten: "functions" where those with while, break or return become external, "sections" where
+            the compiler is to see no algorithm section.
+        sections: gets those that it does not see.
     Returns: the folders of libraries as it takes them; files of the model that differ from before.
     """
     roots, objects = [], {}
+    functions = "functions" in rewritten
+    if sections is None or "sections" not in rewritten:
+        sections = None
     for library in libraries:
-        root, found = _adapted_library(library, functions)
+        root, found = _adapted_library(library, functions, sections)
         roots.append(root)
         objects |= found
     before = {path: path.read_bytes() for path in folder.rglob("*.mo")}
@@ -166,7 +192,7 @@ def prepared(
     objects |= external_objects(texts.values())
     common, models = _of_all(tree)
     for path, text in texts.items():
-        if (new := adapted(text, path.name, objects, common, models, functions)) != text:
+        if (new := adapted(text, path.name, objects, common, models, functions, sections)) != text:
             path.write_bytes(new.encode())
     if common:
         (folder / f"{ANY}.mo").write_text(ANY_MODEL)
@@ -187,8 +213,8 @@ def _of_all(tree: SourceTree) -> tuple[bool, frozenset[str]]:
     return common, frozenset(one.name for one in tree.classes.values() if one.kind in ("model", "block"))
 
 
-def _adapted_library(library: Path, functions: bool) -> tuple[Path, Objects]:
-    """A library's folder as the compiler takes it, and its external objects.
+def _adapted_library(library: Path, functions: bool, sections: Sections | None) -> tuple[Path, Objects]:
+    """A library's folder as the compiler takes it, and its external objects; adds to `sections`.
 
     The compiler reads a folder that it knows several times as fast, so that copies are kept.
     """
@@ -196,22 +222,38 @@ def _adapted_library(library: Path, functions: bool) -> tuple[Path, Objects]:
     stats = [(str(one.relative_to(library)), one.stat()) for one in paths]
     state = [(name, stat.st_size, stat.st_mtime_ns) for name, stat in stats]
     kept = cache_folder("libraries") / digest_of(
-        json.dumps([file_digest(Path(rules.__file__)), str(library.resolve()), functions, state]).encode()
+        json.dumps(
+            [
+                file_digest(Path(rules.__file__)),
+                str(library.resolve()),
+                functions,
+                sections is not None,
+                state,
+            ]
+        ).encode()
     )
     kept.parent.mkdir(parents=True, exist_ok=True)
     texts = {path: path.read_text(encoding="utf-8") for path in paths}
     objects = external_objects(texts.values())
     if not kept.is_dir():
+        found: Sections | None = None if sections is None else {}
         with tempfile.TemporaryDirectory(dir=kept.parent) as scratch:
             for path, text in texts.items():
                 target = Path(scratch) / "root" / path.relative_to(library)
                 target.parent.mkdir(parents=True, exist_ok=True)
-                target.write_bytes(adapted(text, str(path), objects, functions=functions).encode())
+                target.write_bytes(
+                    adapted(text, str(path), objects, functions=functions, sections=found).encode()
+                )
+            told = {key: asdict(one) for key, one in (found or {}).items()}
+            (Path(scratch) / "root" / _SECTIONS).write_text(json.dumps(told))
             with contextlib.suppress(OSError):  # another process was first
                 (Path(scratch) / "root").rename(kept)
     with contextlib.suppress(OSError):
         os.utime(kept)
     _remove_copies(kept.parent)
+    if sections is not None:
+        told = json.loads((kept / _SECTIONS).read_text())
+        sections.update({key: Section(**one) for key, one in told.items()})
     return kept, objects
 
 
@@ -251,6 +293,18 @@ class FunctionTexts:
                     if file.is_file() and (text := self._of(str(file), file.read_text()).get(name)):
                         return FunctionSource(name, text)
         return None if "." in name else self._within_models(name)
+
+    def members(self, kind: str) -> list[list[str]]:
+        """Names of the members of each enumeration of this name, without its path."""
+        pattern = re.compile(rf"\btype\s+{re.escape(kind)}\s*=\s*enumeration\s*\(")
+        files = (one.read_text() for library in self._libraries for one in library.rglob("*.mo"))
+        found = []
+        for text in (*self._tree.texts.values(), *files):
+            for match in pattern.finditer(text):
+                tokens = tokenise(text[match.end() : text.index(";", match.end())], kind)
+                names = [one.text for n, one in enumerate(tokens) if n == 0 or tokens[n - 1].text == ","]
+                found.append(names)
+        return found
 
     def _within_models(self, name: str) -> FunctionSource | None:
         """A function that a model of a library holds, by its own name, if that is the only one."""

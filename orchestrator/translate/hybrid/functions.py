@@ -14,348 +14,19 @@ import numpy as np
 
 from orchestrator.base.errors import BuildError
 
-from ..lexer import Token, tokenise
 from . import expression as ex
-from .adapted import function_body
 from .expression import Expr
+from .statements import RELATIONS, FunctionSource, Node, Parser, Variable
 
-__all__ = ["FunctionSource", "as_call", "call", "function_code", "native"]
+__all__ = ["CONSTANTS", "Source", "as_call", "call", "function_code", "named_constant", "native"]
 
-Node = tuple[Any, ...]
 Source = Callable[[str], "FunctionSource | None"]
 
-_ENDS = {"end", "else", "elseif"}
 _MATHS = frozenset("sqrt sin cos tan asin acos atan atan2 sinh cosh tanh exp log log10".split())
-_CONSTANTS = {
+CONSTANTS = {
     "pi": np.pi, "e": np.e, "eps": 2.220446049250313e-16, "small": 1e-60, "inf": 1.7976931348623157e308,
     "D2R": np.pi / 180, "R2D": 180 / np.pi,
 }  # fmt: skip
-_RELATIONS = {"<": "<", "<=": "<=", ">": ">", ">=": ">=", "==": "==", "<>": "!="}
-
-
-@dataclass(frozen=True)
-class FunctionSource:
-    """A function's text and qualified name."""
-
-    name: str
-    text: str
-
-
-@dataclass
-class _Variable:
-    name: str
-    role: str
-    dimensions: list[Node | None]
-    binding: Node | None
-
-
-# Reading
-
-
-class _Parser:
-    def __init__(self, source: FunctionSource) -> None:
-        self._tokens: Sequence[Token] = tokenise(source.text, source.name)
-        self._at = 0
-        self._name = source.name
-
-    def function(self) -> tuple[list[_Variable], list[Node]]:
-        first, last = function_body(self._tokens)
-        self._at = first
-        variables: list[_Variable] = []
-        protected = False
-        while self._at < last and self._peek() != "algorithm":
-            text = self._peek()
-            if text in ("protected", "public"):
-                protected = text == "protected"
-                self._at += 1
-            elif text in ("extends", "import", "annotation"):
-                self._skip()
-            elif text in (
-                "function",
-                "encapsulated",
-                "pure",
-                "impure",
-                "partial",
-                "package",
-                "record",
-                "type",
-            ):
-                self._at = function_body(self._tokens, self._at)[1] + 2
-                self._take(";")
-            else:
-                variables += self._declared(protected)
-        if self._at >= last:
-            raise self._error("it has no algorithm")
-        self._take("algorithm")
-        return variables, self._statements()
-
-    def _peek(self, ahead: int = 0) -> str:
-        place = self._at + ahead
-        return self._tokens[place].text if place < len(self._tokens) else ""
-
-    def _take(self, text: str | None = None) -> str:
-        found = self._peek()
-        if text is not None and found != text:
-            raise self._error(f"`{text}` is expected before `{found}`")
-        self._at += 1
-        return found
-
-    def _error(self, what: str) -> BuildError:
-        line = self._tokens[min(self._at, len(self._tokens) - 1)].line
-        return BuildError(f"the function {self._name}() cannot be read at its line {line}: {what}")
-
-    def _skip(self) -> None:
-        depth = 0
-        while depth or self._peek() != ";":
-            depth += (self._peek() in ("(", "{", "[")) - (self._peek() in (")", "}", "]"))
-            self._at += 1
-        self._at += 1
-
-    def _declared(self, protected: bool) -> list[_Variable]:
-        role = "protected" if protected else "local"
-        while self._peek() in ("input", "output", "parameter", "constant", "final"):
-            word = self._take()
-            role = word if word in ("input", "output") else role
-        self._take()
-        while self._peek() == ".":
-            self._at += 2
-        shape = self._dimensions() if self._peek() == "[" else []
-        found = []
-        while True:
-            name = self._take()
-            own = self._dimensions() if self._peek() == "[" else []
-            if self._peek() == "(":
-                self._bracket()
-            binding = None
-            if self._peek() in ("=", ":="):
-                self._at += 1
-                binding = self.expression()
-            found.append(_Variable(name, role, own + shape, binding))
-            while self._at < len(self._tokens) and self._tokens[self._at].kind == "string":
-                self._at += 1
-            if self._peek() == "annotation":
-                self._at += 1
-                self._bracket()
-            if self._take() == ";":
-                return found
-
-    def _bracket(self) -> None:
-        depth = 0
-        while True:
-            depth += (self._peek() in ("(", "{", "[")) - (self._peek() in (")", "}", "]"))
-            self._at += 1
-            if not depth:
-                return
-
-    def _dimensions(self) -> list[Node | None]:
-        self._take("[")
-        found: list[Node | None] = []
-        while True:
-            if self._peek() == ":":
-                self._at += 1
-                found.append(None)
-            else:
-                found.append(self.expression())
-            if self._take() == "]":
-                return found
-
-    def _statements(self) -> list[Node]:
-        found = []
-        while self._peek() not in _ENDS and self._peek() not in ("annotation", "algorithm", "external"):
-            found.append(self._statement())
-            while self._tokens[self._at].kind == "string":
-                self._at += 1
-            if self._peek() == "annotation":
-                self._at += 1
-                self._bracket()
-            self._take(";")
-        return found
-
-    def _statement(self) -> Node:
-        match self._peek():
-            case "if":
-                return self._if()
-            case "for":
-                self._at += 1
-                iterators = self._iterators()
-                self._take("loop")
-                body = self._statements()
-                self._closed("for")
-                return ("for", iterators, body)
-            case "while":
-                self._at += 1
-                condition = self.expression()
-                self._take("loop")
-                body = self._statements()
-                self._closed("while")
-                return ("while", condition, body)
-            case "break" | "return":
-                return (self._take(),)
-            case "(":
-                self._at += 1
-                targets: list[Node | None] = []
-                while self._peek() != ")":
-                    if self._peek() == ",":
-                        targets.append(None)
-                    else:
-                        targets.append(self._reference())
-                    if self._peek() == ",":
-                        self._at += 1
-                self._take(")")
-                self._take(":=")
-                return ("assign", targets, self.expression())
-        target = self._reference()
-        if self._peek() == ":=":
-            self._at += 1
-            return ("assign", [target], self.expression())
-        return ("do", target)
-
-    def _closed(self, word: str) -> None:
-        self._take("end")
-        self._take(word)
-
-    def _if(self) -> Node:
-        cases, otherwise = [], []
-        word = self._take()
-        while word in ("if", "elseif"):
-            condition = self.expression()
-            self._take("then")
-            cases.append((condition, self._statements()))
-            word = self._take()
-        if word == "else":
-            otherwise = self._statements()
-            self._take("end")
-        self._take("if")
-        return ("if", cases, otherwise)
-
-    def _iterators(self) -> list[tuple[str, Node]]:
-        found = []
-        while True:
-            name = self._take()
-            self._take("in")
-            found.append((name, self.expression()))
-            if self._peek() != ",":
-                return found
-            self._at += 1
-
-    def expression(self) -> Node:
-        if self._peek() == "if":
-            return self._choice()
-        first = self._binary(0)
-        if self._peek() != ":":
-            return first
-        self._at += 1
-        second = self._binary(0)
-        if self._peek() != ":":
-            return ("range", first, ("number", 1.0), second)
-        self._at += 1
-        return ("range", first, second, self._binary(0))
-
-    def _choice(self) -> Node:
-        self._at += 1  # "if" or "elseif"
-        condition = self.expression()
-        self._take("then")
-        value = self.expression()
-        if self._peek() == "elseif":
-            return ("choice", condition, value, self._choice())
-        self._take("else")
-        return ("choice", condition, value, self.expression())
-
-    _LEVELS = (("or",), ("and",), tuple(_RELATIONS), ("+", "-", ".+", ".-"), ("*", "/", ".*", "./"))
-
-    def _binary(self, level: int) -> Node:
-        if level == 2 and self._peek() == "not":
-            self._at += 1
-            return ("not", self._binary(level))
-        if level == len(self._LEVELS):
-            base = self._primary()
-            if self._peek() in ("^", ".^"):
-                word = self._take()
-                return ("binary", word, base, self._primary())
-            return base
-        if level == 3 and self._peek() in ("-", "+"):
-            word = self._take()
-            found = self._binary(4)
-            found = ("negative", found) if word == "-" else found
-        else:
-            found = self._binary(level + 1)
-        while self._peek() in self._LEVELS[level]:
-            word = self._take()
-            found = ("binary", word, found, self._binary(level + 1))
-        return found
-
-    def _primary(self) -> Node:
-        token = self._tokens[self._at]
-        if token.kind == "number":
-            self._at += 1
-            return ("number", float(token.text))
-        if token.kind == "string":
-            self._at += 1
-            return ("text", token.text)
-        if token.text in ("true", "false"):
-            self._at += 1
-            return ("number", float(token.text == "true"))
-        if token.text == "end":
-            self._at += 1
-            return ("end",)
-        if token.text == "(":
-            self._at += 1
-            found = self.expression()
-            self._take(")")
-            return found
-        if token.text in "{[":
-            return self._array()
-        return self._reference()
-
-    def _array(self) -> Node:
-        opening = self._take()
-        rows: list[list[Node]] = [[]]
-        while self._peek() not in "}]":
-            rows[-1].append(self.expression())
-            if self._peek() == "for":
-                self._at += 1
-                found = ("comprehension", rows[-1][0], self._iterators())
-                self._take("}")
-                return found
-            if self._peek() in (",", ";"):
-                if self._take() == ";":
-                    rows.append([])
-        self._at += 1
-        if opening == "{":
-            return ("array", rows[0])
-        return ("matrix", rows)
-
-    def _reference(self) -> Node:
-        parts = [self._take()]
-        subscripts: list[Node | None] = []
-        while True:
-            if self._peek() == ".":
-                self._at += 1
-                parts.append(self._take())
-            elif self._peek() == "[":
-                subscripts += self._dimensions()
-            else:
-                break
-        name = ".".join(parts)
-        if self._peek() != "(":
-            return ("name", name, subscripts)
-        self._at += 1
-        positional: list[Node] = []
-        named: dict[str, Node] = {}
-        while self._peek() != ")":
-            if self._peek(1) == "=":
-                key = self._take()
-                self._at += 1
-                named[key] = self.expression()
-            else:
-                positional.append(self.expression())
-            if self._peek() == ",":
-                self._at += 1
-        self._at += 1
-        return ("call", name, positional, named)
-
-
-# Writing
 
 
 @dataclass
@@ -384,7 +55,7 @@ class _Writer:
         self._name = source.name
         self._known = known
         self._made = made
-        self._variables, statements = _Parser(source).function()
+        self._variables, statements = Parser(source).function()
         self._shapes: dict[str, tuple[int, ...]] = {}
         self._fixed: dict[str, float] = {}
         self._lines: list[str] = []
@@ -421,7 +92,7 @@ class _Writer:
             f"the function {self._name}(): {what} is not supported in functions with while or return"
         )
 
-    def _declare(self, one: _Variable) -> None:
+    def _declare(self, one: Variable) -> None:
         value = None
         if one.binding is not None:
             fixed = self._constant(one.binding)
@@ -449,7 +120,7 @@ class _Writer:
             case "number":
                 return float(node[1])
             case "name" if not node[2]:
-                return self._fixed.get(node[1], _named_constant(node[1]))
+                return self._fixed.get(node[1], named_constant(node[1]))
             case "negative":
                 value = self._constant(node[1])
                 return None if value is None else -value
@@ -670,7 +341,7 @@ class _Writer:
             return _as_value(self._loops[name])
         if name in self._shapes:
             return self._places(name, subscripts)
-        if (value := _named_constant(name)) is not None:
+        if (value := named_constant(name)) is not None:
             return _as_value(repr(float(value)))
         raise self._error(f"the name {name}")
 
@@ -687,7 +358,7 @@ class _Writer:
                 found = np.array(rows, dtype=object)
                 return found if b.ndim == 2 else found[:, 0]
             raise self._error("a product of a vector and a matrix")
-        sign = {"and": "&&", "or": "||", **_RELATIONS}.get(plain, plain)
+        sign = {"and": "&&", "or": "||", **RELATIONS}.get(plain, plain)
         return _map(lambda x, y: f"({x} {sign} {y})", a, b)
 
     def _calls(self, node: Node, end: int | None = None) -> list[Value]:
@@ -709,7 +380,7 @@ class _Writer:
             if name in _BUILT_IN:
                 return [_BUILT_IN[name](arguments)]
             raise self._error(f"the function {name}()")
-        variables, _ = _Parser(source).function()
+        variables, _ = Parser(source).function()
         inputs = [one for one in variables if one.role == "input"]
         nodes = [*node[2]]
         for one in inputs[len(nodes) :]:
@@ -758,10 +429,11 @@ def _map(make: Callable[..., str], *values: Value) -> Value:
     return found
 
 
-def _named_constant(name: str) -> float | None:
+def named_constant(name: str) -> float | None:
+    """The value of a constant of the Modelica Standard Library by its path."""
     head, _, last = name.rpartition(".")
     if head.rpartition(".")[2] in ("Constants", "Machine"):
-        return _CONSTANTS.get(last)
+        return CONSTANTS.get(last)
     return None
 
 
@@ -828,7 +500,7 @@ def _declared_outputs(
     source: FunctionSource, made: _Function, shapes: Sequence[tuple[int, ...]], known: Source
 ) -> None:
     """Sizes of the outputs as a function that calls itself needs them: of scalars."""
-    variables, _ = _Parser(source).function()
+    variables, _ = Parser(source).function()
     made.outputs = [() for one in variables if one.role == "output"]
 
 

@@ -111,6 +111,7 @@ def solve_order(model: DaeModel) -> System:
         if model.valueless
         else []
     )
+    notes += model.remarks
     if model.built_in:
         notes.append(f"built in, since tables depend on them: {', '.join(model.built_in)}")
     initial = _initial(model, ordered, states, unknowns, by_symbol, aliases, notes)

@@ -15,9 +15,7 @@ pytest.importorskip("rumoca", reason="needs the extra build")
 from orchestrator.base.errors import BuildError
 from orchestrator.translate.build import build
 from orchestrator.translate.hybrid.adapted import adapted, external_objects
-from orchestrator.translate.hybrid.algorithms import as_equations
 from orchestrator.translate.hybrid.tables import read_table
-from orchestrator.translate.lexer import tokenise
 from orchestrator.translate.package import this_platform
 from tests.translate.hybrid.test_hybrid_models import bounced, made, run
 
@@ -651,19 +649,6 @@ end M;
     exact = np.where(time <= warm, 30 - 20 * np.exp(-time / 5), 22 * np.exp(-(time - warm) / 10))
     assert found["T"] == pytest.approx(exact, abs=1e-7)
     assert (found["heating"] == (time <= warm)).all()
-
-
-@pytest.mark.parametrize(
-    "section",
-    [
-        "x := 1; when time > 1 then x := 2; end when;",  # set by a statement and by an event
-        "for i in 1:2 loop y := y + i; end for; when time > 1 then x := x + 1; end when;",
-        "y := y + 1; when time > 1 then x := x + 1; end when;",  # starts from its start value each time
-        "when time > 1 then x := 2; end when;",  # the compiler takes it
-    ],
-)
-def test_algorithms_of_another_meaning_stay(section):
-    assert as_equations(tokenise(section, "")) is None
 
 
 def test_texts_choose_equations_and_values(tmp_path):

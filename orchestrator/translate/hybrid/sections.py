@@ -1,0 +1,608 @@
+"""Algorithm sections that the compiler refuses: their statements are carried out in symbols.
+
+A section that `adapted` has hidden leaves a parameter in each component that has it. Its variables get their
+values as equations, or as discrete values; loops are unrolled, those of unknown length become functions in C.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from orchestrator.base.digests import digest_of
+from orchestrator.base.errors import BuildError
+
+from . import expression as ex
+from .adapted import MARK, Section
+from .arrays import FUNCTIONS, OPERATORS, REDUCTIONS, STEPS, each, product, stacked
+from .expression import Expr
+from .functions import call
+from .statements import FunctionSource, Node, Parser
+
+__all__ = ["Run", "hidden_section", "set_by_events"]
+
+_RELATIONS = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "<>": "ne"}
+_SIGNS = {"+": "add", "-": "subtract", "*": "multiply", "/": "divide", "^": "power", "and": "and", "or": "or"}
+_MOST_TURNS = 100_000
+_EVENTS = ("initial", "terminal", "sample")  # conditions that have no value between events
+Env = dict[int, np.ndarray]
+
+
+class _Unrolled(Exception):
+    """A loop whose length is not known before the run."""
+
+
+def hidden_section(name: str, sections: Mapping[str, Section]) -> tuple[str, Section] | None:
+    """The component and the section that a variable stands for; None if it is an ordinary one."""
+    owner, _, last = name.rpartition(".")
+    found = re.match(rf"{MARK}section_([0-9a-f]+)_of_", last)
+    return (owner, sections[found[1]]) if found and found[1] in sections else None
+
+
+def _assigned(statements: Iterable[Node], by_events: bool = False) -> Iterator[tuple[Node, bool]]:
+    """What statements assign, and whether a when-statement does."""
+    for one in statements:
+        match one[0]:
+            case "assign":
+                yield from ((target, by_events) for target in one[1] if target is not None)
+            case "if":
+                for _, body in one[1]:
+                    yield from _assigned(body, by_events)
+                yield from _assigned(one[2], by_events)
+            case "when":
+                for _, body in one[1]:
+                    yield from _assigned(body, True)
+            case "for" | "while":
+                yield from _assigned(one[2], by_events)
+
+
+def _parsed(section: Section) -> tuple[Parser, list[Node]]:
+    parser = Parser(FunctionSource(section.scope, section.text))
+    return parser, parser.section()
+
+
+def set_by_events(owner: str, section: Section) -> list[str]:
+    """Names of variables that a section's when-statements assign; an index of a component is left out."""
+    head = f"{owner}." if owner else ""
+    return [f"{head}{target[1]}" for target, by_events in _assigned(_parsed(section)[1]) if by_events]
+
+
+class Run:
+    """One section of one component, carried out.
+
+    Attributes:
+        equations: zero at the solution.
+        values: what discrete variables are.
+        starts: of an initial algorithm, targets and their values.
+    """
+
+    def __init__(self, model: Any, owner: str, section: Section) -> None:
+        self._model = model  # the reader of the DAE form
+        self._owner = owner
+        self._section = section
+        self._parser, self._body = _parsed(section)
+        self._loops: dict[str, Any] = {}
+        self._path: Expr = ex.ONE
+        self._trigger: int | None = None
+        self._set: dict[int, np.ndarray] = {}
+        self._done: set[int] = set()  # whose last assignment is behind
+        self._known: dict[int, np.ndarray] | None = None
+        self.equations: list[Expr] = []
+        self.values: list[tuple[Expr, Expr]] = []
+        self.starts: list[tuple[Expr, Expr]] = []
+        before = model.events_so_far()
+        self._carry_out()  # finds which elements are assigned
+        model.forget_events(before)
+        self._known, self._set, self._done = self._set, {}, set()
+        self.equations, self.values, self.starts = [], [], []
+        self._carry_out()
+
+    def _refusal(self, what: str) -> BuildError:
+        where = f"{self._section.file}:{self._section.line}"
+        return BuildError(f"{where}: the algorithm of {self._section.scope}: {what} is not supported")
+
+    # Statements
+
+    def _carry_out(self) -> None:
+        env: Env = {}
+        last: dict[int, int] = {}
+        for place, statement in enumerate(self._body):
+            for target, _ in _assigned([statement]):
+                for number in self._all_of(target):
+                    last[number] = place
+        for place, statement in enumerate(self._body):
+            self._do([statement], env)
+            for number in [one for one, end in last.items() if end == place and one in self._set]:
+                self._define(number, env.pop(number))
+                self._done.add(number)
+
+    def _define(self, number: int, values: np.ndarray) -> None:
+        places, chosen = self._model.places_of(number), self._set[number]
+        for place, value, done in zip(places.ravel(), np.ravel(values), chosen.ravel(), strict=True):
+            if not done:
+                continue
+            if self._section.initial:
+                self.starts.append((place, value))
+            elif self._model.role_of(place) == "discrete":
+                self.values.append((place, value))
+            else:
+                self.equations.append(ex.sub(place, value))
+
+    def _do(self, statements: Sequence[Node], env: Env) -> None:
+        for one in statements:
+            match one[0]:
+                case "assign":
+                    self._assign(one[1], one[2], env)
+                case "if":
+                    self._branches(one[1], one[2], env)
+                case "for" | "while":
+                    self._loop(one, env)
+                case "when":
+                    self._when(one[1], env)
+                case "do":
+                    self._call(one[1], env)
+                case _:
+                    raise _Unrolled
+
+    def _assign(self, targets: Sequence[Node | None], value: Node, env: Env) -> None:
+        if len(targets) > 1:
+            if value[0] != "call":
+                raise self._refusal("several targets of what is no function")
+            results = self._function(value, env)
+        else:
+            results = [self._value(value, env)]
+        for target, result in zip(targets, results, strict=False):
+            if target is not None:
+                self._store(target, result, env)
+
+    def _store(self, target: Node, result: Any, env: Env) -> None:
+        number, subscripts = self._variable(target, env)
+        if number is None:
+            raise self._refusal(f"the assignment to {target[1]}")
+        base = np.array(self._current(number, env), dtype=object)
+        done = self._set.setdefault(number, np.zeros(base.shape, dtype=bool))
+        places = self._places(base.shape, subscripts, env)
+        values = np.asarray(result, dtype=object)
+        if any(isinstance(one, Expr) for one in places):
+            axis = next(k for k, one in enumerate(places) if isinstance(one, Expr))
+            if len([one for one in places if isinstance(one, Expr)]) > 1 or values.ndim:
+                raise self._refusal(f"several subscripts of {target[1]} that change while the model runs,")
+            for k in range(base.shape[axis]):
+                at = tuple(k if one is places[axis] else one for one in places)
+                here = ex.logical("eq", places[axis], ex.number(k + 1))
+                base[at] = ex.conditional(here, values.item(), base[at])
+                done[at] = True
+        else:
+            at = tuple(places)
+            if np.ndim(base[at]) != values.ndim and values.ndim:
+                raise self._refusal(f"the assignment of an array to {target[1]}, which has another size,")
+            base[at] = values if values.ndim else values.item()
+            done[at] = True
+        env[number] = base
+
+    def _branches(self, cases: Sequence[tuple[Node, list[Node]]], otherwise: list[Node], env: Env) -> None:
+        if not cases:
+            self._do(otherwise, env)
+            return
+        condition = self._scalar(cases[0][0], env)
+        if condition.op == "num":
+            if condition.args[0]:
+                self._do(cases[0][1], env)
+            else:
+                self._branches(cases[1:], otherwise, env)
+            return
+        yes, no, path = dict(env), dict(env), self._path
+        self._path = ex.logical("and", path, condition)
+        self._do(cases[0][1], yes)
+        self._path = ex.logical("and", path, ex.logical("not", condition))
+        self._branches(cases[1:], otherwise, no)
+        self._path = path
+        self._merge(condition, yes, no, env)
+
+    def _merge(self, condition: Expr, yes: Env, no: Env, env: Env) -> None:
+        for number in {*yes, *no}:
+            a, b = self._current(number, yes), self._current(number, no)
+            if a is not b:
+                choose = partial(ex.conditional, condition)
+                env[number] = np.asarray(each(choose, a, b), dtype=object)
+
+    def _loop(self, statement: Node, env: Env) -> None:
+        before, loops, path = dict(env), dict(self._loops), self._path
+        events = self._model.events_so_far()
+        try:
+            if statement[0] == "while":
+                turns = 0
+                while True:
+                    condition = self._scalar(statement[1], env)
+                    turns += 1
+                    if condition.op != "num" or turns > _MOST_TURNS:
+                        raise _Unrolled
+                    if not condition.args[0]:
+                        return
+                    self._do(statement[2], env)
+            else:
+                self._turns(statement[1], statement[2], env)
+        except _Unrolled:
+            self._model.forget_events(events)
+            self._loops, self._path = loops, path
+            env.clear()
+            env.update(before)
+            self._as_function(statement, env)
+
+    def _turns(self, iterators: Sequence[tuple[str, Node]], body: list[Node], env: Env) -> None:
+        (name, over), rest = iterators[0], iterators[1:]
+        outer = self._loops.get(name)
+        for value in np.ravel(self._value(over, env)):
+            self._loops[name] = value
+            if rest:
+                self._turns(rest, body, env)
+            else:
+                self._do(body, env)
+        self._loops.pop(name, None)
+        if outer is not None:
+            self._loops[name] = outer
+
+    def _as_function(self, statement: Node, env: Env) -> None:
+        """A loop of unknown length, as a function of all variables that it names."""
+        written: dict[str, int] = {}
+        for target, by_events in _assigned([statement]):
+            number, _ = self._variable(target, env)
+            if by_events or number is None or "." in target[1] or any(s for _, s in target[3][:-1]):
+                raise self._refusal(f"a loop of unknown length that assigns {target[1]}")
+            written[target[1]] = number
+        read: dict[str, Any] = {}
+        for name in dict.fromkeys(_names(statement)):
+            if name in self._loops:
+                read[name] = self._loops[name]
+            elif "." not in name and (number := self._model.number_of(self._path_to(name))) is not None:
+                read[name] = self._current(number, env)
+        inputs, outputs, copies = [], [], []
+        for name, value in read.items():
+            size = f"[{', '.join(map(str, np.shape(value)))}]" if np.ndim(value) else ""
+            if name in written:
+                inputs.append(f"input Real {MARK}{name}{size};")
+                outputs.append(f"output Real {name}{size};")
+                copies.append(f"{name} := {MARK}{name};")
+            else:
+                inputs.append(f"input Real {name}{size};")
+        body = " ".join([*inputs, *outputs, "algorithm", *copies, f"{self._parser.text_of(statement)};"])
+        name = f"loop_{digest_of(body.encode())[:8]}"
+        source = FunctionSource(f"{self._section.scope}.{name}", f"function {name} {body} end {name};")
+        results = call(source, self._model.function_texts, list(read.values()))
+        for one, result in zip([one for one in read if one in written], results, strict=True):
+            number = written[one]
+            self._set[number] = np.ones(result.shape, dtype=bool)
+            env[number] = result
+
+    def _when(self, cases: Sequence[tuple[Node, list[Node]]], env: Env) -> None:
+        if self._trigger is not None or self._path is not ex.ONE:
+            raise self._refusal("a when-statement within another statement")
+        found: list[tuple[Expr, Env]] = []
+        for condition, body in cases:
+            number = self._condition(condition, env)
+            inside = dict(env)
+            events = self._model.hold(False)
+            self._trigger = number
+            self._do(body, inside)
+            self._trigger = None
+            self._model.hold(events)
+            found.append((ex.symbol("rise", number), inside))
+        for rise, inside in reversed(found):
+            later = dict(env)
+            self._merge(rise, inside, later, env)
+
+    def _condition(self, node: Node, env: Env) -> int:
+        """Number of the condition that an expression is, made where it has none."""
+        add = self._model.add_condition
+        match node[0]:
+            case "array":
+                numbers = [self._condition(one, env) for one in node[1]]
+                found = numbers[0]
+                for one in numbers[1:]:
+                    found = add("rise", found, one)
+                return int(found)
+            case "call" if node[1] in ("initial", "terminal"):
+                return int(add(node[1]))
+            case "call" if node[1] == "sample":
+                start, period = (self._model.number(self._scalar(one, env), "sample()") for one in node[2])
+                return int(self._model.add_clock(start, period))
+            case "binary" if node[1] in ("and", "or") and _has_events(node):
+                return int(add(node[1], self._condition(node[2], env), self._condition(node[3], env)))
+            case "not" if _has_events(node):
+                return int(add("not", self._condition(node[1], env)))
+        return int(add("value", self._scalar(node, env)))
+
+    def _call(self, node: Node, env: Env) -> None:
+        name = node[1]
+        if node[0] != "call":
+            raise self._refusal(f"the statement {name}")
+        match name.rpartition(".")[2]:
+            case "assert":
+                holds = self._scalar(node[2][0], env)
+                level = [*node[2][2:3], *(value for key, value in node[3].items() if key == "level")]
+                warns = bool(level) and str(level[0][1]).endswith("warning")
+                if self._path is not ex.ONE:
+                    holds = ex.logical("or", ex.logical("not", self._path), holds)
+                if self._trigger is not None:
+                    quiet = ex.logical("not", ex.symbol("rise", self._trigger))
+                    holds = ex.logical("or", quiet, holds)
+                self._model.add_action("warning" if warns else "assert", 0, value=holds, message=_text(node))
+            case "terminate":
+                if self._trigger is None or self._path is not ex.ONE:
+                    raise self._refusal("terminate() outside a when-statement, or under a condition,")
+                self._model.add_action("terminate", self._trigger, message=_text(node))
+            case "reinit":
+                number, _ = self._variable(node[2][0], env)
+                if self._trigger is None or number is None:
+                    raise self._refusal("reinit() outside a when-statement")
+                value = np.broadcast_to(
+                    np.asarray(self._value(node[2][1], env), dtype=object),
+                    self._model.places_of(number).shape,
+                )
+                for place, one in zip(self._model.places_of(number).ravel(), value.ravel(), strict=True):
+                    kept = ex.conditional(self._path, one, place)
+                    self._model.add_action("reinit", self._trigger, target=place, value=kept)
+            case "print":
+                pass  # it changes no value
+            case _:
+                raise self._refusal(f"the statement {name}()")
+
+    # Names
+
+    def _path_to(self, name: str) -> str:
+        return f"{self._owner}.{name}" if self._owner else name
+
+    def _all_of(self, target: Node) -> list[int]:
+        """Numbers of the variables that a target may be."""
+        number = self._model.number_of(self._path_to(target[1]))
+        if number is not None:
+            return [number]
+        pattern = r"(\[\d+(,\d+)*\])?\.".join(re.escape(one) for one, _ in target[3])
+        return list(self._model.numbers_like(self._path_to("") + pattern if self._owner else pattern))
+
+    def _variable(self, node: Node, env: Env) -> tuple[int | None, Sequence[Node | None]]:
+        """A variable's number and the subscripts that it is used with."""
+        number = self._model.number_of(self._path_to(node[1]))
+        if number is not None or len(node) < 4:
+            return number, node[2]
+        texts = []
+        for one, subscripts in node[3][:-1]:
+            values = [self._fixed(self._scalar(s, env)) for s in subscripts if s is not None]
+            texts.append(f"{one}[{','.join(map(str, values))}]" if values else one)
+        last, subscripts = node[3][-1]
+        return self._model.number_of(self._path_to(".".join([*texts, last]))), subscripts
+
+    def _fixed(self, value: Expr) -> int:
+        return int(value.args[0] if value.op == "num" else self._model.number(value, "a subscript"))
+
+    def _current(self, number: int, env: Env) -> np.ndarray:
+        """A variable's elements here: what is assigned later starts from its value before, or its start."""
+        if number in env:
+            return env[number]
+        places: np.ndarray = self._model.places_of(number)
+        later = (self._known or {}).get(number)
+        if later is None or number in self._done:
+            return places
+        before = np.empty(places.shape, dtype=object)
+        for index in np.ndindex(*places.shape):
+            before[index] = self._model.before(places[index]) if later[index] else places[index]
+        return before
+
+    def _places(self, shape: tuple[int, ...], subscripts: Sequence[Node | None], env: Env) -> list[Any]:
+        found: list[Any] = []
+        for axis, size in enumerate(shape):
+            node = subscripts[axis] if axis < len(subscripts) else None
+            if node is None:
+                found.append(slice(None))
+                continue
+            value = np.asarray(self._value(node, env, size), dtype=object)
+            if any(one.op != "num" for one in value.ravel()):
+                if value.ndim:
+                    raise self._refusal("a vector of subscripts that changes while the model runs")
+                found.append(value.item())
+                continue
+            numbers = [int(one.args[0]) - 1 for one in value.ravel()]
+            if any(not 0 <= one < size for one in numbers):
+                raise self._refusal(f"a subscript outside 1 to {size}")
+            found.append(numbers if value.ndim else numbers[0])
+        if sum(isinstance(one, list) for one in found) > 1:
+            wide = [[one] if isinstance(one, int) else one for one in found]
+            ranges = [list(range(shape[k])) if isinstance(one, slice) else one for k, one in enumerate(wide)]
+            return list(np.ix_(*ranges))
+        return found
+
+    # Expressions
+
+    def _scalar(self, node: Node, env: Env) -> Expr:
+        value = np.asarray(self._value(node, env), dtype=object)
+        if value.size != 1:
+            raise self._refusal(f"an array of {value.size} elements in place of one number")
+        return value.item()
+
+    def _value(self, node: Node, env: Env, end: int | None = None) -> Any:
+        at: Callable[[Node], Any] = lambda one: self._value(one, env, end)  # noqa: E731
+        match node[0]:
+            case "number":
+                return ex.number(node[1])
+            case "text":
+                return ex.symbol("text", node[1][1:-1])
+            case "end":
+                return ex.number(float(end or 0))
+            case "name":
+                return self._named(node, env)
+            case "negative":
+                return each(ex.neg, at(node[1]))
+            case "not":
+                return each(partial(ex.logical, "not"), at(node[1]))
+            case "binary":
+                return self._binary(node[1], at(node[2]), at(node[3]))
+            case "choice":
+                condition = self._scalar(node[1], env)
+                if condition.op == "num":
+                    return at(node[2] if condition.args[0] else node[3])
+                return each(partial(ex.conditional, condition), at(node[2]), at(node[3]))
+            case "array":
+                return stacked([at(one) for one in node[1]])
+            case "matrix":
+                rows = [
+                    np.concatenate([np.atleast_2d(np.asarray(at(one), dtype=object)) for one in row], 1)
+                    for row in node[1]
+                ]
+                return np.concatenate(rows, 0)
+            case "range":
+                first, step, last = (self._bound(one, env) for one in node[1:])
+                count = max(0, int(np.floor((last - first) / step * (1 + 1e-12) + 1e-9)) + 1)
+                return np.array([ex.number(first + step * k) for k in range(count)], dtype=object)
+            case "comprehension":
+                (name, over), *rest = node[2]
+                found, outer = [], self._loops.get(name)
+                for one in np.ravel(self._value(over, env)):
+                    self._loops[name] = one
+                    found.append(self._value(("comprehension", node[1], rest) if rest else node[1], env))
+                self._loops.pop(name, None)
+                if outer is not None:
+                    self._loops[name] = outer
+                return stacked(found)
+            case "call":
+                return self._called(node, env, end)
+        raise self._refusal(f"an expression of the kind {node[0]}")
+
+    def _bound(self, node: Node, env: Env) -> float:
+        value = self._scalar(node, env)
+        if value.op == "num":
+            return float(value.args[0])
+        if all(one.args[0] == "p" for one in value.free):
+            return float(self._model.number(value, "the length of a loop"))
+        raise _Unrolled
+
+    def _named(self, node: Node, env: Env) -> Any:
+        name = node[1]
+        if name in self._loops:
+            return self._loops[name]
+        if name == "time":
+            return ex.symbol("t")
+        if name in ("true", "false"):
+            return ex.number(name == "true")
+        number, subscripts = self._variable(node, env)
+        if number is not None:
+            return self._element(self._current(number, env), subscripts, env)
+        if (value := self._model.constant(name, self._section)) is not None:
+            return ex.number(value)
+        raise self._refusal(f"the name {name}")
+
+    def _element(self, base: np.ndarray, subscripts: Sequence[Node | None], env: Env) -> Any:
+        if not subscripts:
+            return base[()] if not base.shape else base
+        places = self._places(base.shape, subscripts, env)
+        result: Any = base
+        for axis in range(len(places) - 1, -1, -1):
+            if isinstance(places[axis], Expr):
+                result = self._model.selected(result, axis, places[axis])
+                places[axis] = None
+        kept = tuple(one for one in places if one is not None)
+        return np.asarray(result, dtype=object)[kept] if kept else result
+
+    def _binary(self, word: str, a: Any, b: Any) -> Any:
+        if word in _RELATIONS:
+            return each(partial(self._model.relation, _RELATIONS[word]), a, b)
+        if word == "*" and np.ndim(a) and np.ndim(b):
+            return product(np.asarray(a, dtype=object), np.asarray(b, dtype=object))
+        return each(OPERATORS[_SIGNS[word.lstrip(".")]], a, b)
+
+    def _called(self, node: Node, env: Env, end: int | None) -> Any:
+        name, arguments = node[1], node[2]
+        at: Callable[[Node], Any] = lambda one: self._value(one, env, end)  # noqa: E731
+        if name in ("pre", "edge", "change"):
+            number, subscripts = self._variable(arguments[0], env)
+            if number is None:
+                raise self._refusal(f"{name}() of {arguments[0][1]}")
+            before = self._element(self._model.pre_of(number), subscripts, env)
+            if name == "pre":
+                return before
+            now = at(arguments[0])
+            if name == "change":
+                return each(partial(ex.logical, "ne"), now, before)
+            return each(lambda a, b: ex.logical("and", a, ex.logical("not", b)), now, before)
+        if name in ("noEvent", "smooth"):
+            events = self._model.hold(False) if name == "noEvent" else None
+            try:
+                return at(arguments[-1])
+            finally:
+                if events is not None:
+                    self._model.hold(events)
+        if name == "initial":
+            return ex.symbol("initial")
+        if name in _EVENTS:
+            raise self._refusal(f"{name}() outside the condition of a when-statement")
+        if name == "size":
+            shape = np.shape(at(arguments[0]))
+            if len(arguments) == 1:
+                return np.array([ex.number(one) for one in shape], dtype=object)
+            return ex.number(shape[self._fixed(self._scalar(arguments[1], env)) - 1])
+        if name in ("sum", "product", "min", "max") and len(arguments) == 1:
+            values = np.ravel(at(arguments[0]))
+            return REDUCTIONS[name]([values]) if len(values) else ex.number(name == "product")
+        if name in FUNCTIONS:
+            return each(partial(ex.function, FUNCTIONS[name]), *map(at, arguments))
+        if name in STEPS:
+            return each(partial(self._model.stepped, STEPS[name]), at(arguments[0]))
+        if name in ("mod", "div", "rem"):
+            return self._model.quotient(name, *map(at, arguments))
+        if name in ("Integer", "String", "delay"):
+            if name == "Integer":
+                return at(arguments[0])
+            raise self._refusal(f"{name}()")
+        if name == "cat":
+            axis = self._fixed(self._scalar(arguments[0], env)) - 1
+            return np.concatenate([np.asarray(at(one), dtype=object) for one in arguments[1:]], axis)
+        if name in REDUCTIONS:
+            return REDUCTIONS[name]([at(one) for one in arguments])
+        found = self._function(node, env)[0]
+        return found if np.ndim(found) else np.asarray(found, dtype=object).item()
+
+    def _function(self, node: Node, env: Env) -> list[Any]:
+        """The results of a function of the model or a library."""
+        source = self._model.function_near(node[1], self._section.scope)
+        if source is None:
+            if node[1].rpartition(".")[2] in FUNCTIONS:  # as Modelica.Math.sin
+                short = FUNCTIONS[node[1].rpartition(".")[2]]
+                return [each(partial(ex.function, short), *(self._value(one, env) for one in node[2]))]
+            raise self._refusal(f"the function {node[1]}()")
+        variables, _ = Parser(source).function()
+        inputs = [one for one in variables if one.role == "input"]
+        arguments = [self._value(one, env) for one in node[2]]
+        for one in inputs[len(arguments) :]:
+            if one.name not in node[3]:
+                break
+            arguments.append(self._value(node[3][one.name], env))
+        if len(arguments) < len(node[2]) + len(node[3]):
+            raise self._refusal(f"a call of {node[1]}() with arguments left out")
+        return call(source, self._model.function_texts, arguments)
+
+
+def _has_events(node: Any) -> bool:
+    if isinstance(node, tuple) and node[:1] == ("call",) and node[1] in _EVENTS:
+        return True
+    return isinstance(node, tuple | list) and any(_has_events(one) for one in node)
+
+
+def _names(node: Any) -> Iterator[str]:
+    """All names in statements."""
+    if isinstance(node, tuple) and len(node) == 4 and node[0] == "name":
+        yield node[1]
+        yield from _names(node[2])
+    elif isinstance(node, tuple | list):
+        yield from itertools.chain.from_iterable(map(_names, node))
+    elif isinstance(node, dict):
+        yield from _names(list(node.values()))
+
+
+def _text(node: Node) -> str:
+    """The message of assert() or terminate()."""
+    texts = [one[1][1:-1] for one in node[2] if one[0] == "text"]
+    return texts[0] if texts else "(a value)"
