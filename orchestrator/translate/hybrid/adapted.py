@@ -477,9 +477,6 @@ def _annotated(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Ite
             last = place + 1
             while tokens[last].text not in (",", ")"):
                 last = (_closing(tokens, last) if tokens[last].text == "(" else last) + 1
-            said = {token.text for token in tokens[place:last]}
-            if said & {"noDerivative", "zeroDerivative"}:
-                continue
             first = tokens[place].start
             if tokens[last].text == ",":
                 yield _Edit(first, _end_of(tokens[last]), "")

@@ -122,4 +122,6 @@ def translate_hybrid(
         "blocks of equations": sum(1 for one in system.blocks if one.value is None),
         "constraints of states": len(system.constraints),
     }
-    return members, counts, ("offers co-simulation and model exchange", *system.notes)
+    counts["delays"] = len(model.delays)
+    offered = "co-simulation, since it delays signals" if model.delays else "co-simulation and model exchange"
+    return members, counts, (f"offers {offered}", *system.notes)

@@ -23,6 +23,7 @@ _INFIX = {
     "ne": "!=", "and": "&&", "or": "||",
 }  # fmt: skip
 _KINDS = {"assert": "ACTION_ASSERT", "warning": "ACTION_WARNING", "terminate": "ACTION_TERMINATE"}
+HISTORY_ROOM = 6 + 8 * 2048  # as in hybrid.h
 _TYPES = {"real": "TYPE_REAL", "boolean": "TYPE_BOOLEAN"}
 
 
@@ -68,6 +69,7 @@ class Layout:
     done_slot: int
     size_slot: int
     use_slot: int
+    history_slot: int
     settable: list[tuple[int, int, int]]
 
     @property
@@ -139,8 +141,8 @@ def layout_of(system: System, indicators: bool = False) -> Layout:
         ports.append(Port(told.name, "ALGEBRAIC", count, told, margin, indicator=True))
         count += 1
     return Layout(
-        system, slots, inputs, parameters, ports, done + 5, modes, conditions, clocks, warned, done, done + 1,
-        done + 2, settable,
+        system, slots, inputs, parameters, ports, done + 5 + HISTORY_ROOM * len(model.delays), modes,
+        conditions, clocks, warned, done, done + 1, done + 2, done + 5, settable,
     )  # fmt: skip
 
 
@@ -156,6 +158,7 @@ def _expressions(system: System) -> Iterable[Expr]:
     yield from (one.value for one in model.actions if one.value is not None)
     yield from (o for one in model.conditions for o in one.operands if isinstance(o, Expr))
     yield from model.modes
+    yield from (part for one in model.delays for part in (one.operand, one.lag))
 
 
 def _reported(system: System) -> list:
@@ -173,6 +176,8 @@ class _Writer:
         layout, kind = self._layout, one.args[0]
         if kind in ("t", "initial", "homotopy"):
             return f"h->{kind}"
+        if kind == "delayed":
+            return f"hybrid_delayed(h, {one.args[1]})"
         if kind == "rise":
             return f"(h->rise[{one.args[1]}] != 0)"
         if kind == "mode":
@@ -265,6 +270,10 @@ def generate_hybrid_c(layout: Layout, identifier: str) -> str:
             "w",
         ),
     ]
+    delays = [(f"operands[{n}]", one.operand) for n, one in enumerate(model.delays)]
+    delays += [(f"lags[{n}]", one.lag) for n, one in enumerate(model.delays)]
+    head = "void hybrid_delays(const Hybrid *h, double *operands, double *lags)"
+    parts.append(_function(head, writer.statements(delays), "operands", "lags"))
     parts = [*table_code(writer.others), *function_code(writer.others), *parts]
     token = c_string(TOKEN_MARK)
     counts = (len(layout.ports), layout.n_z, len(layout.inputs), len(layout.parameters), len(layout.computed))
@@ -518,6 +527,7 @@ def _tables(layout: Layout) -> str:
         _array("int", "slopes", (slots[ex.symbol("der", one.args[1], 1)] for one in system.states)),
         _array("double", "nominals", (repr(one) for one in nominals)),
         _array("char *const", "mode_names", (c_string(_mode(one, layout)) for one in model.modes)),
+        _array("char *const", "delayed_names", (c_string(one.shown) for one in model.delays)),
         _array("double", "phases", (repr(one) for one, _ in model.clocks)),
         _array("double", "periods", (repr(one) for _, one in model.clocks)),
         _array("double", "instants", map(repr, model.instants)),
@@ -559,6 +569,7 @@ def _tables(layout: Layout) -> str:
         layout.use_slot, layout.use_slot + 1, layout.use_slot + 2,
         int(any(ex.symbol("homotopy") in one.free for one in _initial_expressions(system))),
         max(colours, default=-1) + 1, "colours", "column_starts", "rows", "&factors" if factors else "0",
+        len(model.delays), layout.history_slot, "delayed_names",
     ]  # fmt: skip
     return "\n".join([*arrays, f"const HybridInfo hybrid_info = {{{', '.join(map(str, values))}}};"])
 

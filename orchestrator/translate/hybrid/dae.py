@@ -29,12 +29,13 @@ from .sections import Run, hidden_section, set_by_events
 from .statements import FunctionSource
 from .tables import Table, read_table
 
-__all__ = ["Action", "Branch", "Condition", "DaeModel", "Discrete", "Scalar", "read_dae"]
+__all__ = ["Action", "Branch", "Condition", "DaeModel", "Delay", "Discrete", "Scalar", "read_dae"]
 
 Json = Mapping[str, Any]
-# Each `mod`, `div`, `rem` in a model stands for so many further nodes, which the form does not write.
+# Each `mod`, `div`, `rem` outside functions stands for so many further nodes, which the form does not write.
 _HIDDEN_NODES = 6
 _DEEPEST_CALL = 200
+_MOST_DELAYS = 64  # as in hybrid.h
 _RELATIONS = {
     "less": "lt", "less_equal": "le", "greater": "gt", "greater_equal": "ge", "equal": "eq",
     "not_equal": "ne",
@@ -115,6 +116,15 @@ class Action:
     message: str = ""
 
 
+@dataclass(frozen=True)
+class Delay:
+    """delay(operand, lag): symbol ("delayed", k) stands for entry k; `shown` as the model writes it."""
+
+    operand: Expr
+    lag: Expr
+    shown: str
+
+
 @dataclass
 class DaeModel:
     """A model in scalars.
@@ -147,6 +157,7 @@ class DaeModel:
     initial_origins: list[Location | None] = field(default_factory=list)
     declared: list[Location | None] = field(default_factory=list)
     remarks: tuple[str, ...] = ()
+    delays: list[Delay] = field(default_factory=list)
 
     def refusal(self, what: str, place: Location | None = None) -> BuildError:
         """An error about the model, with a place if it is known."""
@@ -176,7 +187,6 @@ def read_dae(
     storage = document["storage"]
     spans = document.get("spans") or Spans()
     for key, what in (
-        ("delays", "delay() beside events"),
         ("previous_values", "previous() of clocked models"),
         ("model_event_transactions", "an algorithm whose steps depend on each other at an event"),
     ):
@@ -201,7 +211,7 @@ def _first_place(value: Any, spans: Spans) -> Location | None:
 
 # What to write instead of a construct, by words of its refusal.
 _INSTEAD = {
-    "delay()": "give the delayed signal a model of its own, without events, and connect the FMUs",
+    "delay()": "give it a delay time of parameters",
     "external function": "write it as a Modelica function, or make an FMU of its own",
     "text": "choose by an Integer or an enumeration",
     "previous()": "use sample() and pre()",
@@ -232,6 +242,7 @@ class _Reader:
         self._s = storage
         self._sections = sections
         self._remarks: list[str] = []
+        self._delays: list[Delay] = []
         self._conditions: list[Condition] = []
         self._actions: list[Action] = []
         self._clocks: list[tuple[float, float]] = []
@@ -268,7 +279,8 @@ class _Reader:
                 if "subscript_count" in content:
                     self._subscripts[number] = list(itertools.islice(subscripts, content["subscript_count"]))
             self._nodes[number] = (kind, content, taken)
-            number += 1 + (_HIDDEN_NODES if kind == "runtime_quotient_owner" else 0)
+            hides = kind == "runtime_quotient_owner" and "function" not in content["kind"]
+            number += 1 + (_HIDDEN_NODES if hides else 0)
 
     # Variables
 
@@ -356,7 +368,7 @@ class _Reader:
             self._name, scalars, equations, initial, values, discretes, self._actions, self._conditions,
             self._modes, self._clocks,
             sorted(set(instants)), tuple(self._valueless), tuple(dict.fromkeys(self._built_in)), origins,
-            initial_origins, declared, tuple(dict.fromkeys(self._remarks)),
+            initial_origins, declared, tuple(dict.fromkeys(self._remarks)), self._delays,
         )  # fmt: skip
 
     def _scalar(self, variable: Json, name: str) -> Scalar:
@@ -766,6 +778,14 @@ class _Reader:
             )
         if kind == "condition":
             return self._truth(where)
+        if kind == "delay":
+            one = self._s["delays"][where]
+            ((_, about),) = one["kind"].items()
+            lag = about["delay_time"]
+            return self._delayed(
+                self._one(one["source"], bound),
+                self._one(lag["expression"] if isinstance(lag, dict) else lag, bound),
+            )
         if kind == "terminal":
             return self._at_the_end().operands[0]
         table = self._pre if kind.startswith("pre_") else self._elements
@@ -829,7 +849,9 @@ class _Reader:
                 for variable, places in zip(self._s["variables"], self._elements, strict=True)
                 for place in places.ravel()
             }
-        return any(one.args[0] in ("t", "der") or self._roles.get(one) in continuous for one in made.free)
+        return any(
+            one.args[0] in ("t", "der", "delayed") or self._roles.get(one) in continuous for one in made.free
+        )
 
     def _held(self, made: Expr) -> Expr:
         if made not in self._mode_of:
@@ -986,13 +1008,31 @@ class _Reader:
             return np.concatenate(promoted, axis=int(name[-1]) - 1)
         raise _refuse(self._name, f"the function {name}()")
 
+    def _delayed(self, operand: Expr, lag: Expr) -> Expr:
+        if not operand.free:
+            return operand
+        if any(one.args[0] != "p" for one in lag.free):
+            raise _refuse(self._name, "delay() with a delay time that changes")
+        made = Delay(operand, lag, f"delay({self._shown(operand)}, {self._shown(lag)})")
+        if made not in self._delays:
+            if len(self._delays) >= _MOST_DELAYS:
+                raise _refuse(self._name, f"delay() more than {_MOST_DELAYS} times")
+            self._delays.append(made)
+        return ex.symbol("delayed", self._delays.index(made))
+
+    def _shown(self, one: Expr) -> str:
+        """A number or a variable's name, for messages."""
+        if one.op == "num":
+            return f"{one.args[0]:g}"
+        return self._scalars[one.args[1]].name if one.op == "sym" and len(one.args) > 1 else "..."
+
     def _called(self, number: int, content: Json, operands: list[int], bound: Mapping[Any, Any]) -> Any:
         if content["owner"] != number:
             operands = self._nodes[content["owner"]][2]
         function = self._s["functions"][content["function"]]
         if function["external"]:
             if function["name"] == DELAY:
-                raise _refuse(self._name, "delay()")
+                return self._delayed(*(self._one(one, bound) for one in operands[:2]))
             return self._external(content["output"], function, operands, bound)
         if content.get("derivative"):
             raise _refuse(self._name, f"a derivative of the function {function['name']}()")
@@ -1177,6 +1217,8 @@ def expand_derivatives(name: str, scalars: list[Scalar], equations: list[Expr]) 
             raise ex.NoDerivative(
                 f"{name}: the input {scalars[one.args[1]].name} would have to be differentiated"
             )
+        if kind == "delayed":
+            raise ex.NoDerivative(f"{name}: a delay() would have to be differentiated")
         if kind != "v" or scalars[one.args[1]].role not in ("state", "algebraic"):
             return _ZERO
         changing.add(one.args[1])

@@ -60,6 +60,8 @@ def describe_hybrid(
         exchange["needsCompletedIntegratorStep"] = "true"
         steps["mightReturnEarlyFromDoStep"] = "true"
     for kind, able in (("ModelExchange", exchange), ("CoSimulation", steps)):
+        if kind == "ModelExchange" and layout.system.model.delays:
+            continue  # the history of a delay is recorded by its own steps
         element = ET.SubElement(root, kind, {"modelIdentifier": identifier, **version, **able})
         if second:
             files = ET.SubElement(element, "SourceFiles")

@@ -224,6 +224,7 @@ def _without_aliases(model: DaeModel, by_symbol: dict[Expr, Scalar]) -> tuple[Da
             for one in model.conditions
         ],
         modes=[replaced(one) for one in model.modes],
+        delays=[replace(one, operand=replaced(one.operand)) for one in model.delays],
     ), aliases
 
 
@@ -261,6 +262,8 @@ def _reduced(model: DaeModel, states: list[Expr], algebraics: list[Expr]) -> lis
             return ex.ONE
         if kind == "u":
             raise ex.NoDerivative(f"the input {by_symbol[one].name} would have to be differentiated")
+        if kind == "delayed":
+            raise ex.NoDerivative(f"{model.delays[one.args[1]].shown} would have to be differentiated")
         if not _continuous(one, by_symbol):
             return ex.ZERO
         return ex.symbol("der", one.args[1], one.args[2] + 1 if kind == "der" else 1)
@@ -511,6 +514,10 @@ def _initial(
         *starts,
         *(ex.sub(one.value, ex.symbol("start", one.value.args[1])) for one in weak),
     ]
+    # At the start a delayed value is the present one.
+    now = {ex.symbol("delayed", k): one.operand for k, one in enumerate(model.delays)}
+    for _ in now:  # one may delay another
+        equations = [ex.substituted(one, now) for one in equations]
     owner: dict[Expr, int] = {}
     told: list[str] = []
     origins = [*_places(model.initial_origins, model.initial_equations), *(model.place_of(a) for a in given)]

@@ -15,7 +15,7 @@
 #include "runtime.h"
 #include "stepmodel.h"
 
-enum { FINE, BLOCK, STEP_SIZE, MODES, CHATTERING, DISCRETES, ACTION, MEMORY, CONSTRAINTS };
+enum { FINE, BLOCK, STEP_SIZE, MODES, CHATTERING, DISCRETES, ACTION, MEMORY, CONSTRAINTS, HISTORY, LAG };
 #define OUTCOME(code, index) ((code) * 1000000 + (index))
 
 static const double TOLERANCE = 1e-9;    /* relative, per internal step */
@@ -438,6 +438,7 @@ static int settle(Work *w)
         if (w->tick[k]) z[i->clock_slot + k] = floor((w->h.t + close - i->phases[k]) / i->periods[k]) + 1;
     }
     for (int k = 0; k < i->n_pre; k++) z[i->pre_slots[k]] = z[i->pre_of[k]];
+    history_pass(&w->h);
     for (int round = 0; round < MOST_ROUNDS; round++) {
         int again = 0, status = round_of_event(w, i->blocks, i->n_blocks);
         if (status) return status;
@@ -786,7 +787,30 @@ static double next_stop(const Work *w, double t, double end, int *event)
     }
     for (int k = 0; k < i->n_instants; k++)
         if (i->instants[k] > t + close && i->instants[k] < stop - close) stop = i->instants[k], *event = 1;
-    return stop;
+    return history_stop(&w->h, t, stop, event);
+}
+
+/* Keeps what the operands of delays have been from `low` to `high`, shares of the step. */
+static int record(Work *w, double t, double h, double low, double high, int depth)
+{
+    static const double looks[] = {0, 0.25, 0.5, 0.75, 1, 0.1, 0.9};
+    int n = hybrid_info.n_states, status, missed = 0;
+    double y[5][HISTORY_MOST], more[HISTORY_MOST], lags[HISTORY_MOST];
+    for (int s = 0; s < 7 && !missed; s++) {
+        double share = low + looks[s] * (high - low);
+        for (int k = 0; k < n; k++)
+            w->k[0][k] = (1 - share) * w->x[k] +
+                         share * (w->xn[k] + (1 - share) * (w->dense[0][k] + share * w->dense[1][k]));
+        if ((status = slopes(w, t + share * h, w->k[0], w->k[1]))) return status;
+        hybrid_delays(&w->h, s < 5 ? y[s] : more, lags);
+        if (s > 4) missed = history_misses(y, more, looks[s]);
+    }
+    if (missed && depth < 8) {
+        double middle = 0.5 * (low + high);
+        if ((status = record(w, t, h, low, middle, depth + 1))) return status;
+        return record(w, t, h, middle, high, depth + 1);
+    }
+    return history_add(&w->h, t + low * h, (high - low) * h, y, low == 0) ? 0 : OUTCOME(HISTORY, 0);
 }
 
 static int advance(Work *w, double t, double end)
@@ -831,6 +855,7 @@ static int advance(Work *w, double t, double end)
                     h = until_event(w, t, h, &event);
                     whole = whole && !event;
                 }
+                if (i->n_delays && (status = record(w, t, h, 0, 1, 0))) return status;
                 done = 1;
                 t = whole ? stop : t + h;
             }
@@ -909,6 +934,8 @@ static int initialise(Work *w)
         conditions(w);
         for (int k = 0; k < i->n_conditions; k++) z[i->condition_slot + k] = w->c[k];
         z[i->done_slot] = 1;
+        history_begin(&w->h);
+        if (history_refused(&w->h)) status = OUTCOME(LAG, history_refused(&w->h) - 1);
     }
     w->h.initial = 0;
     for (int k = 0; k < i->n_settable; k++) z[i->settable_lasts[k]] = z[i->settable_slots[k]];
@@ -1171,6 +1198,13 @@ void step_message(int outcome, const StepPoint *at, const char *name, Text *text
         text_add(text, i->messages[index]);
         break;
     case CONSTRAINTS: text_add(text, "the states cannot be brought back onto their constraints"); break;
+    case HISTORY:
+        text_add(text, "a delay() needs too many steps within its delay time; delay a smoother signal");
+        break;
+    case LAG:
+        text_add(text, "the delay time has to be above 0 s: ");
+        text_add(text, i->delayed_names[index]);
+        break;
     default: text_add(text, "no memory");
     }
 }

@@ -74,7 +74,11 @@ typedef struct {
     const int *colours;                   /* [n_states] */
     const int *column_starts, *rows;      /* derivatives that each state is in */
     const HybridFactors *factors;         /* NULL: dense */
+    int n_delays, history_slot;           /* delay operators: at most HISTORY_MOST */
+    const char *const *delayed_names;
 } HybridInfo;
+
+enum { HISTORY_MOST = 64, HISTORY_SEGMENTS = 2048, HISTORY_ROOM = 6 + 8 * HISTORY_SEGMENTS };
 
 /* What an instance is used for: it decides when events are handled. */
 typedef enum {
@@ -95,5 +99,15 @@ int hybrid_reinits(const Hybrid *);              /* whether a state is set */
 void hybrid_actions(const Hybrid *, double *a);  /* [actions] 1: has to be reported */
 void hybrid_constraints(const Hybrid *, double *r);
 void hybrid_outputs(const Hybrid *, double *w);
+void hybrid_delays(const Hybrid *, double *operands, double *lags);
+
+/* history.c */
+double hybrid_delayed(const Hybrid *, int k);
+void history_begin(const Hybrid *);
+int history_refused(const Hybrid *);
+void history_pass(const Hybrid *);
+double history_stop(const Hybrid *, double t, double stop, int *event);
+int history_add(const Hybrid *, double begin, double length, const double y[5][HISTORY_MOST], int first);
+int history_misses(const double y[5][HISTORY_MOST], const double *value, double x);
 
 #endif
