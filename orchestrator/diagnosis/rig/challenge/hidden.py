@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-__all__ = ["HARDWARE", "HIDDEN", "SOFTWARE", "TIED", "Hidden", "between", "signed"]
+__all__ = [
+    "HARDWARE", "HIDDEN", "SOFTWARE", "TIED", "TURN", "Draw", "Hidden", "between", "draws", "even", "free",
+    "integer", "inverse", "kinds", "phase", "rooted", "signed", "sized", "turns", "whole",
+]  # fmt: skip
 
 # Places of software: it replays to its last digit, so that what it hides shows at any size.
 SOFTWARE = ("dynamics", "controller")
+# One turn [rad].
+TURN = 2.0 * math.pi
 
 Draw = Callable[[np.random.Generator, float], dict[str, float]]
 
@@ -57,21 +64,128 @@ def signed(rng: np.random.Generator) -> float:
     return 1.0 if rng.random() < 0.5 else -1.0
 
 
-@dataclass(frozen=True)
-class _Sized:
-    """An effect whose parameter is proportional to the magnitude; shape parameters do not depend on it."""
+Number = Callable[[np.random.Generator, float], float]
 
-    parameter: str
-    low: float
-    high: float
-    sign: bool = False
-    shape: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+@dataclass(frozen=True)
+class _Draws:
+    """Draws parameters one after the other."""
+
+    parameters: Mapping[str, Number]
 
     def __call__(self, rng: np.random.Generator, size: float) -> dict[str, float]:
-        found = {
-            self.parameter: size * between(rng, self.low, self.high) * (signed(rng) if self.sign else 1.0)
-        }
-        return found | {name: between(rng, *bounds) for name, bounds in self.shape.items()}
+        return {name: number(rng, size) for name, number in self.parameters.items()}
+
+
+def draws(**parameters: Number) -> Draw:
+    """An effect whose parameters are drawn in this order."""
+    return _Draws(parameters)
+
+
+# How a parameter is drawn at a magnitude. Partial functions, unlike lambdas, go from process to process.
+
+
+def sized(low: float, high: float, *, sign: str = "", least: float = 0.0, most: float = math.inf) -> Number:
+    """The magnitude, within bounds, times a number between others.
+
+    Args:
+        sign: "first" or "last" draws a sign before or after the number; "" draws none.
+    """
+    return partial(_sized, low, high, sign, least, most)
+
+
+def _sized(
+    low: float, high: float, sign: str, least: float, most: float, rng: np.random.Generator, size: float
+) -> float:
+    first = signed(rng) if sign == "first" else 1.0
+    number = min(max(size, least), most) * first * between(rng, low, high)
+    return number * signed(rng) if sign == "last" else number
+
+
+def free(low: float, high: float, unit: float = 1.0) -> Number:
+    """A number between others, whatever the magnitude."""
+    return partial(_free, low, high, unit)
+
+
+def _free(low: float, high: float, unit: float, rng: np.random.Generator, size: float) -> float:
+    return unit * between(rng, low, high)
+
+
+def turns(low: float, high: float) -> Number:
+    """An angular frequency [rad/s] between two frequencies [Hz]."""
+    return free(low, high, TURN)
+
+
+def even(low: float, high: float, unit: float = 1.0) -> Number:
+    """A number that is uniform between others, whatever the magnitude."""
+    return partial(_even, low, high, unit)
+
+
+def _even(low: float, high: float, unit: float, rng: np.random.Generator, size: float) -> float:
+    return unit * rng.uniform(low, high)
+
+
+def phase(most: float = TURN) -> Number:
+    """An angle [rad]."""
+    return partial(_phase, most)
+
+
+def _phase(most: float, rng: np.random.Generator, size: float) -> float:
+    return most * rng.random()
+
+
+def inverse(low: float, high: float, *, least: float, power: float = 0.5, unit: float = 1.0) -> Number:
+    """A number between others that falls with a power of the magnitude, which counts as `least` or more."""
+    return partial(_inverse, low, high, least, power, unit)
+
+
+def _inverse(
+    low: float, high: float, least: float, power: float, unit: float, rng: np.random.Generator, size: float
+) -> float:
+    return unit * between(rng, low, high) / max(size, least) ** power
+
+
+def rooted(low: float, high: float) -> Number:
+    """The root of the magnitude times a number between others."""
+    return partial(_rooted, low, high)
+
+
+def _rooted(low: float, high: float, rng: np.random.Generator, size: float) -> float:
+    return float(np.sqrt(size)) * between(rng, low, high)
+
+
+def whole(low: float, high: float) -> Number:
+    """As `sized`, rounded."""
+    return partial(_whole, low, high)
+
+
+def _whole(low: float, high: float, rng: np.random.Generator, size: float) -> float:
+    return float(round(size * between(rng, low, high)))
+
+
+def integer(low: int, high: int) -> Number:
+    """A whole number from `low` to below `high`, whatever the magnitude."""
+    return partial(_integer, low, high)
+
+
+def _integer(low: int, high: int, rng: np.random.Generator, size: float) -> float:
+    return float(rng.integers(low, high))
+
+
+def kinds(
+    found: Mapping[str, Draw], chance: Collection[str], relative: Collection[str] = ()
+) -> dict[str, Hidden]:
+    """Effects by id.
+
+    Args:
+        found: how they are drawn.
+        chance, relative: see `Hidden`; relative: parameters of any of them.
+    """
+    multiplied = {
+        name: frozenset(relative).intersection(draw.parameters) if isinstance(draw, _Draws) else frozenset()
+        for name, draw in found.items()
+    }
+    return {name: Hidden(name, draw, multiplied[name], name in chance) for name, draw in found.items()}
 
 
 def _hold(rng: np.random.Generator, size: float) -> dict[str, float]:
@@ -92,82 +206,77 @@ def _force_step(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {"force_step": max(round(10.0 * size * between(rng, 0.8, 3.0)), 2) / 10.0}
 
 
-def _mass_offset(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"mass_offset": float(np.sqrt(size)) * between(rng, 0.2, 0.55)}
-
-
 def _command_step(rng: np.random.Generator, size: float) -> dict[str, float]:
     step = max(size * between(rng, 1e-5, 5e-5), 1e-6)
     return {"command_step": step, "command_phase": 0.02 * step * rng.uniform(-1.0, 1.0)}
 
 
-def _hung(masses: tuple[float, float], hertz: tuple[float, float], xi: float) -> Draw:
+_DRAWS: dict[str, Draw] = {
+    "link.sample-and-hold": _hold,
+    "link.clock-skew": draws(skew=sized(1.2e-4, 5e-4, sign="last")),
+    "link.packet-loss": draws(loss=sized(0.04, 0.15)),
+    "link.jitter": draws(jitter=sized(6e-4, 2e-3)),
+    "robot.delay": draws(tau=sized(1e-3, 4e-3)),
+    "robot.bandwidth": draws(omega=sized(0.15, 0.5, sign="last")),
+    "robot.damping": draws(xi=sized(0.15, 0.5, sign="last")),
+    "robot.rate-limit": _rate_limit,
+    "robot.acceleration-limit": _acceleration_limit,
+    "robot.backlash": draws(backlash=sized(1e-4, 4e-4)),
+    "robot.friction": draws(
+        coulomb=sized(0.5, 1.8), stribeck=free(0.3, 0.9), stribeck_rate=free(1.5e-3, 3e-3)
+    ),
+    "robot.resonance": draws(
+        resonance=sized(0.2, 0.8), resonance_omega=free(50.0, 280.0), resonance_xi=free(0.02, 0.05)
+    ),
+    "robot.command-quantisation": _command_step,
+    "robot.load-sensitivity": draws(load=sized(0.03, 0.12)),
+    "structure.compliance": draws(compliance=sized(4e-7, 2e-6)),
+    "structure.kinematic-scale": draws(scale=sized(0.006, 0.02, sign="last")),
+    "structure.offset": draws(offset=sized(1.2e-4, 4e-4, sign="last")),
+    "sensor.delay": draws(tau_s=sized(3e-4, 1.5e-3)),
+    "sensor.low-pass": draws(filter_time=sized(6e-4, 2e-3)),
+    "sensor.bias": draws(bias=sized(0.8, 3.0, sign="last")),
+    "sensor.drift": draws(drift=sized(0.25, 1.0, sign="last")),
+    "sensor.gain": draws(gain=sized(0.08, 0.25, sign="last")),
+    "sensor.coloured-noise": draws(coloured=sized(1.2, 4.0), coloured_keep=free(0.8, 0.97)),
+    "sensor.quantisation": _force_step,
+    "sensor.dropout": draws(dropout=sized(0.08, 0.25)),
+    "sensor.tool-inertia": draws(tool=sized(2.5, 9.0)),
+    "contact.stiffness": draws(k=sized(0.1, 0.35, sign="last")),
+    "contact.damping": draws(c=sized(60.0, 300.0)),
+    "contact.hertz": draws(hertz=sized(0.15, 0.6)),
+    "contact.cubic": draws(cubic=sized(0.12, 0.5)),
+    "contact.hunt-crossley": draws(crossley=sized(8e4, 3e5)),
+    "contact.wall-offset": draws(front=sized(1.5e-4, 5e-4, sign="last")),
+    "contact.adhesion": draws(adhesion=sized(1.2, 5.0), adhesion_range=free(2e-5, 8e-5)),
+    "contact.plasticity": draws(plasticity=sized(0.03, 0.1)),
+    "contact.friction": draws(friction=sized(0.02, 0.08), friction_rate=free(5e-4, 2e-3)),
+    "contact.second-contact": draws(second=sized(0.3, 0.9), second_depth=free(2e-4, 6e-4)),
+    "contact.asymmetry": draws(asymmetry=sized(0.04, 0.14, sign="last")),
+    "contact.softening": draws(softening=sized(0.03, 0.12)),
+    "contact.viscoelastic": draws(maxwell=sized(0.2, 0.6), maxwell_time=free(6e-3, 5e-2)),
+    "dynamics.mass": draws(mass=sized(0.02, 0.1, sign="last")),
+    "dynamics.mass-offset": draws(mass_offset=rooted(0.2, 0.55)),
+    "dynamics.residual-gravity": draws(gravity=sized(1e-3, 5e-3, sign="last")),
+    "dynamics.cable": draws(cable=sized(500.0, 2000.0)),
+    "dynamics.drag": draws(drag=sized(30.0, 150.0)),
     # Software is textbook to its last digit: unlike the plant's, its effects keep the catalogue's form.
-    turns = (2.0 * np.pi * hertz[0], 2.0 * np.pi * hertz[1])
-    return _Sized("appendage", *masses, shape={"appendage_omega": turns, "appendage_xi": (xi, xi)})
-
-
-_ALL = (
-    Hidden("link.sample-and-hold", _hold),
-    Hidden("link.clock-skew", _Sized("skew", 1.2e-4, 5e-4, sign=True)),
-    Hidden("link.packet-loss", _Sized("loss", 0.04, 0.15), chance=True),
-    Hidden("link.jitter", _Sized("jitter", 6e-4, 2e-3), chance=True),
-    Hidden("robot.delay", _Sized("tau", 1e-3, 4e-3)),
-    Hidden("robot.bandwidth", _Sized("omega", 0.15, 0.5, sign=True), frozenset({"omega"})),
-    Hidden("robot.damping", _Sized("xi", 0.15, 0.5, sign=True), frozenset({"xi"})),
-    Hidden("robot.rate-limit", _rate_limit),
-    Hidden("robot.acceleration-limit", _acceleration_limit),
-    Hidden("robot.backlash", _Sized("backlash", 1e-4, 4e-4)),
-    Hidden(
-        "robot.friction",
-        _Sized("coulomb", 0.5, 1.8, shape={"stribeck": (0.3, 0.9), "stribeck_rate": (1.5e-3, 3e-3)}),
+    "dynamics.appendage": draws(
+        appendage=sized(0.04, 0.15),
+        appendage_omega=free(TURN * 1.5, TURN * 8.0),
+        appendage_xi=free(0.01, 0.01),
     ),
-    Hidden(
-        "robot.resonance",
-        _Sized("resonance", 0.2, 0.8, shape={"resonance_omega": (50.0, 280.0), "resonance_xi": (0.02, 0.05)}),
+    "dynamics.slosh": draws(
+        appendage=sized(0.07, 0.25),
+        appendage_omega=free(TURN * 0.25, TURN * 0.9),
+        appendage_xi=free(0.12, 0.12),
     ),
-    Hidden("robot.command-quantisation", _command_step),
-    Hidden("robot.load-sensitivity", _Sized("load", 0.03, 0.12)),
-    Hidden("structure.compliance", _Sized("compliance", 4e-7, 2e-6)),
-    Hidden("structure.kinematic-scale", _Sized("scale", 0.006, 0.02, sign=True)),
-    Hidden("structure.offset", _Sized("offset", 1.2e-4, 4e-4, sign=True)),
-    Hidden("sensor.delay", _Sized("tau_s", 3e-4, 1.5e-3)),
-    Hidden("sensor.low-pass", _Sized("filter_time", 6e-4, 2e-3)),
-    Hidden("sensor.bias", _Sized("bias", 0.8, 3.0, sign=True)),
-    Hidden("sensor.drift", _Sized("drift", 0.25, 1.0, sign=True)),
-    Hidden("sensor.gain", _Sized("gain", 0.08, 0.25, sign=True)),
-    Hidden(
-        "sensor.coloured-noise",
-        _Sized("coloured", 1.2, 4.0, shape={"coloured_keep": (0.8, 0.97)}),
-        chance=True,
-    ),
-    Hidden("sensor.quantisation", _force_step),
-    Hidden("sensor.dropout", _Sized("dropout", 0.08, 0.25), chance=True),
-    Hidden("sensor.tool-inertia", _Sized("tool", 2.5, 9.0)),
-    Hidden("contact.stiffness", _Sized("k", 0.1, 0.35, sign=True), frozenset({"k"})),
-    Hidden("contact.damping", _Sized("c", 60.0, 300.0)),
-    Hidden("contact.hertz", _Sized("hertz", 0.15, 0.6)),
-    Hidden("contact.cubic", _Sized("cubic", 0.12, 0.5)),
-    Hidden("contact.hunt-crossley", _Sized("crossley", 8e4, 3e5)),
-    Hidden("contact.wall-offset", _Sized("front", 1.5e-4, 5e-4, sign=True)),
-    Hidden("contact.adhesion", _Sized("adhesion", 1.2, 5.0, shape={"adhesion_range": (2e-5, 8e-5)})),
-    Hidden("contact.plasticity", _Sized("plasticity", 0.03, 0.1)),
-    Hidden("contact.friction", _Sized("friction", 0.02, 0.08, shape={"friction_rate": (5e-4, 2e-3)})),
-    Hidden("contact.second-contact", _Sized("second", 0.3, 0.9, shape={"second_depth": (2e-4, 6e-4)})),
-    Hidden("contact.asymmetry", _Sized("asymmetry", 0.04, 0.14, sign=True)),
-    Hidden("contact.softening", _Sized("softening", 0.03, 0.12)),
-    Hidden("contact.viscoelastic", _Sized("maxwell", 0.2, 0.6, shape={"maxwell_time": (6e-3, 5e-2)})),
-    Hidden("dynamics.mass", _Sized("mass", 0.02, 0.1, sign=True)),
-    Hidden("dynamics.mass-offset", _mass_offset),
-    Hidden("dynamics.residual-gravity", _Sized("gravity", 1e-3, 5e-3, sign=True)),
-    Hidden("dynamics.cable", _Sized("cable", 500.0, 2000.0)),
-    Hidden("dynamics.drag", _Sized("drag", 30.0, 150.0)),
-    Hidden("dynamics.appendage", _hung((0.04, 0.15), (1.5, 8.0), 0.01)),
-    Hidden("dynamics.slosh", _hung((0.07, 0.25), (0.25, 0.9), 0.12)),
-    Hidden("controller.lead", _Sized("lead", 5e-4, 2e-3, sign=True)),
-    Hidden("controller.stiffness-gain", _Sized("stiffness_gain", 0.08, 0.3, sign=True)),
-)
+    "controller.lead": draws(lead=sized(5e-4, 2e-3, sign="last")),
+    "controller.stiffness-gain": draws(stiffness_gain=sized(0.08, 0.3, sign="last")),
+}
 
-HIDDEN = {one.id: one for one in _ALL}
+_CHANCE = {"link.packet-loss", "link.jitter", "sensor.coloured-noise", "sensor.dropout"}
+
+HIDDEN = kinds(_DRAWS, _CHANCE, relative={"omega", "xi", "k"})
 # Those of hardware.
-HARDWARE = tuple(one for one in _ALL if one.place not in SOFTWARE)
+HARDWARE = tuple(one for one in HIDDEN.values() if one.place not in SOFTWARE)

@@ -103,69 +103,17 @@ def _run(
         [nominal["contact_stiffness"], nominal["contact_damping"], lab.lead, lab.begin(speed), speed]
     )
     out = np.zeros((6, ticks))
-    done = _ticks(
-        rig_parameters(values),
-        believed,
-        mass,
-        series.arrival,
-        series.encoder,
-        series.force,
-        series.held,
-        series.missed,
-        series.body,
-        series.wall,
-        series.payload,
-        series.corruption,
-        series.supply,
-        series.floor,
-        series.zero,
-        series.lost,
-        series.scrape,
-        series.cycle,
-        series.skipped,
-        series.key,
-        series.bridged,
-        series.sampling,
-        series.hits,
-        series.buzz,
-        logged,
-        TICK / substeps,
-        out,
-    )
+    done = _ticks(rig_parameters(values), believed, mass, series, logged, TICK / substeps, out)
     return out[:, :done]
 
 
 @njit(error_model="numpy", nogil=True)
-def _ticks(
-    p,
-    believed,
-    mass,
-    arrival,
-    encoder,
-    force,
-    held,
-    missed,
-    body,
-    wall,
-    payload,
-    corruption,
-    supply,
-    floor,
-    zero,
-    lost,
-    scrape,
-    cycle,
-    skipped,
-    key,
-    bridged,
-    sampling,
-    hits,
-    buzz,
-    logged,
-    longest,
-    out,
-):
+def _ticks(p, believed, mass, series, logged, longest, out):
     """Fill `out`; returns how many ticks were run."""
+    (
+        arrival, encoder, force, held, missed, body, wall, payload, corruption, supply, floor, zero,
+        lost, scrape, cycle, skipped, key, bridged, sampling, hits, buzz,
+    ) = series  # fmt: skip
     k, c, lead, start, speed = believed
     driven = logged.shape[1] > 0
     ticks = out.shape[1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,7 @@ _CONTACTS = 400
 _DEEPEST = 2  # frames by which a buffer may be too full or too empty
 
 
-@dataclass(frozen=True)
-class Series:
+class Series(NamedTuple):
     """Series of a run.
 
     Attributes:
@@ -130,28 +129,9 @@ def draw_series(
     hits = get("hits", 0.0) * streams[26].standard_normal(_CONTACTS)
     buzz = get("buzz", 0.0) * streams[30].standard_normal(ticks)
     return Series(
-        arrival=arrival,
-        encoder=encoder,
-        force=force,
-        held=held,
-        missed=missed,
-        body=body,
-        wall=wall,
-        payload=payload,
-        corruption=corruption,
-        supply=supply,
-        floor=floor,
-        zero=zero,
-        lost=lost,
-        scrape=scrape,
-        cycle=cycle,
-        skipped=skipped,
-        key=key,
-        bridged=bridged,
-        sampling=sampling,
-        hits=hits,
-        buzz=buzz,
-    )
+        arrival, encoder, force, held, missed, body, wall, payload, corruption, supply, floor, zero,
+        lost, scrape, cycle, skipped, key, bridged, sampling, hits, buzz,
+    )  # fmt: skip
 
 
 def _process(keep: float, ticks: int, stream: np.random.Generator) -> Array:
