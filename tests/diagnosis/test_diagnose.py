@@ -22,7 +22,7 @@ from orchestrator.diagnosis.rig.finding import Augmented, Candidate, Finding
 from orchestrator.diagnosis.rig.headline import headline, nats, percent
 from orchestrator.diagnosis.rig.report_text import text as in_lines
 from orchestrator.diagnosis.rig.study import Role
-from orchestrator.diagnosis.rig.verdict import read_diagnosis
+from orchestrator.diagnosis.rig.verdict import Diagnosis
 from orchestrator.report.make import report
 
 HERTZ = catalogue()["contact.hertz"]
@@ -102,7 +102,8 @@ def test_what_is_written(study, tmp_path):
     assert found["calibration"]["force_bias"]["recalibrated"] == 0.0
     # The truth may lie beside the logs; it is not even opened.
     assert set(found["provenance"]["sha256"]) == {"case.yaml", *(f"{run.name}.csv.gz" for run in study.runs)}
-    assert read_diagnosis(tmp_path / "out") == made.diagnosis
+    written = (tmp_path / "out" / "diagnosis.json").read_bytes()
+    assert Diagnosis.model_validate_json(written) == made.diagnosis
 
 
 def test_logs_have_checksums_wherever_they_stand(study, tmp_path):
@@ -301,9 +302,3 @@ def test_command(study, tmp_path, monkeypatch, capsys):
     twin = write_case(study, tmp_path / "other" / "good")
     assert main(["diagnose", str(good), str(twin), "--out", str(tmp_path / "three")]) == 2
     assert "several cases are called good" in capsys.readouterr().err
-
-
-def test_what_is_no_text_is_no_diagnosis(tmp_path):
-    (tmp_path / "diagnosis.json").write_bytes(b"\xff\xfe{}")
-    with pytest.raises(ConfigError, match=r"diagnosis\.json: Invalid JSON"):
-        read_diagnosis(tmp_path)

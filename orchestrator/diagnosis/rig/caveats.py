@@ -1,10 +1,10 @@
-"""Caveats of a verdict: the unexplained residual, and where else the gap appears."""
+"""Caveats of a verdict: where else the gap appears, and what other calibrated numbers explain."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .headline import MUCH, at_ports, chosen_answer, leaves_much, listed_or, percent
+from .headline import listed_or, percent
 from .verdict import Diagnosis
 
 __all__ = ["caveats"]
@@ -18,58 +18,27 @@ _AS_WELL, _FAR = 0.02, 3.0
 def caveats(diagnosis: Diagnosis) -> list[str]:
     """Sentences to print beside the headline; empty if there is nothing to add."""
     sentences = (
-        _leaves(diagnosis),
         _elsewhere(diagnosis),
         _as_one(diagnosis),
-        _late(diagnosis),
         _unneeded(diagnosis) or _beyond_tolerances(diagnosis),
     )
     return [one for one in sentences if one]
 
 
-def _leaves(diagnosis: Diagnosis) -> str:
-    """Sentence if the residual of an answer is much larger than the noise at some port, else "".
-
-    Nothing is reported for the places of a docking rig: there `misfit` is that of the best fit, which may be
-    another answer than the one given, and has in it what random effects draw, which no replay takes off.
-    """
-    much = {port: value for port, value in at_ports(diagnosis).items() if value > MUCH}
-    if not much:
-        return ""
-    worst = max(much, key=lambda port: much[port])
-    times = much[worst] ** 0.5
-    what = "The best answer of the list" if diagnosis.verdict.effects == ["outside"] else "The answer"
-    text = f"{what} leaves {times:.1f}" if times < 9.95 else f"{what} leaves {times:.0f}"
-    text += f" times the noise at {worst}"
-    if len(much) > 1:
-        more = len(much) - 1
-        text += f", and more than {MUCH**0.5:g} times at {more} more port{'s' if more > 1 else ''}"
-    if leaves_much(diagnosis):
-        text += ", and much of the gap stays: something that is not in the list acts beside it, or instead"
-    return f"{text}."
-
-
 def _elsewhere(diagnosis: Diagnosis) -> str:
     """Sentence if the gap shows at another place than the named effects, else "".
 
-    Nor of something outside a docking rig's catalogue: its place is shown by how residuals look. That of a
-    study of ports is where components driven by measured signals deviate most.
+    Nothing is said of something outside the catalogue: its place is shown by how residuals look.
     """
     effects, places = diagnosis.verdict.effects, diagnosis.verdict.places
     noise = diagnosis.how_far is not None and diagnosis.how_far.within_floor
-    if not diagnosis.where or not effects or noise or ("outside" in effects and not at_ports(diagnosis)):
+    if not diagnosis.where or not effects or noise or "outside" in effects:
         return ""
     shares = {one.place: one.share for one in diagnosis.where}
     first = max(shares, key=lambda place: shares[place])
     own = max(shares.get(place, 0.0) for place in places)
     if first in _alike(diagnosis) or shares[first] < _MOST or shares[first] < _TIMES * own:
         return ""
-    if "outside" in effects:
-        return (
-            f"The gap of the closed loop shows most at {first} ({percent(shares[first])}), while "
-            f"{_listed(places)} deviates most from the measured signals there: the effect may act at {first} "
-            "instead, and its error travel on."
-        )
     one = len(effects) == 1
     return (
         f"The gap shows most at {first} ({percent(shares[first])}), while {_listed(effects)} "
@@ -79,30 +48,15 @@ def _elsewhere(diagnosis: Diagnosis) -> str:
 
 
 def _as_one(diagnosis: Diagnosis) -> str:
-    """That something outside a docking rig's catalogue may be elsewhere in a chain that logs drive as one."""
+    """That something outside the catalogue may be elsewhere in a chain that logs drive as one."""
     others = sorted(_alike(diagnosis) - set(diagnosis.verdict.places))
-    if diagnosis.verdict.effects != ["outside"] or at_ports(diagnosis) or not others:
+    if diagnosis.verdict.effects != ["outside"] or not others:
         return ""
     chain, own = _listed(sorted([*diagnosis.verdict.places, *others])), _listed(diagnosis.verdict.places)
     return (
         f"Logs drive {chain} as one: that it is at the {own}, and not at {listed_or(others)}, follows only "
         "from the shape of the residuals."
     )
-
-
-def _late(diagnosis: Diagnosis) -> str:
-    """Sentence if a late clock of a column would look like a named delay, else ""."""
-    first, logged = chosen_answer(diagnosis), at_ports(diagnosis)
-    late = []
-    for effect in diagnosis.verdict.effects:
-        port, _, name = effect.rpartition(".")
-        value = first.parameters.get(f"{effect}.delay")
-        if name == "delay" and port in logged and value is not None:
-            late.append((port, value))
-    if not late:
-        return ""
-    shifted = _listed([f"of {port} late by {value:.4g} s" for port, value in late])
-    return f"A clock {shifted} would look the same: check how the column was logged first."
 
 
 def _unneeded(diagnosis: Diagnosis) -> str:

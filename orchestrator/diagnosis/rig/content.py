@@ -1,4 +1,4 @@
-"""Content of diagnosis.json, from a finding and the results of the analyses, for any system."""
+"""Content of diagnosis.json, from a finding and the results of the analyses."""
 
 from __future__ import annotations
 
@@ -98,15 +98,10 @@ def named_files(folder: Path, paths: Iterable[Path]) -> dict[str, Path]:
     return {(one.relative_to(folder) if one.is_relative_to(folder) else one).as_posix(): one for one in files}
 
 
-def provenance(files: Mapping[str, Path], **more: object) -> dict[str, Any]:
-    """Inputs and software of a diagnosis.
-
-    Args:
-        files: that were read, by the names that they are recognised by.
-        more: further entries.
-    """
+def provenance(files: Mapping[str, Path]) -> dict[str, Any]:
+    """Software of a diagnosis, and digests of the files that were read, by the names that stand for them."""
     digests = {name: file_digest(path) for name, path in files.items()}
-    return {**origin(), "packages": versions(_PACKAGES), **more, "sha256": digests}
+    return {**origin(), "packages": versions(_PACKAGES), "sha256": digests}
 
 
 def _which(finding: Finding) -> list[Which]:

@@ -9,13 +9,10 @@ from .catalogue import catalogue
 from .verdict import SUSPECTED, WITHIN, Diagnosis, Experiment, Gap, Which, chance_outside
 
 __all__ = [
-    "MUCH",
     "SEPARATES",
-    "at_ports",
     "chosen_answer",
     "headline",
     "leaves_in_words",
-    "leaves_much",
     "listed_or",
     "nats",
     "percent",
@@ -27,10 +24,6 @@ _SURE = 0.8
 SEPARATES = 1.0
 # Beyond this an experiment decides; how far beyond only says how many digits exact software has [nats].
 _DECIDES = 1000.0
-# Least mean square of the residual, over that of the noise, that is reported: twice the noise.
-MUCH = 4.0
-# Least share of the gap closed by an answer that is the complete cause.
-_CLOSED = 0.7
 # Error over the noise, on runs that no fit saw, from which the model does not explain the logs.
 _MISFITS = 2.0
 # A share that is no more is rounding.
@@ -58,9 +51,8 @@ def _answer(diagnosis: Diagnosis) -> str:
                 f"No effect is named: the logs hint at {likelier} ({percent(hint.probability)}), but by less "
                 f"than a nat over none ({percent(first.probability)})."
             )
-        explained = all(value <= MUCH for value in at_ports(diagnosis).values())
         times = 0.0 if gap is None else _strayed(gap)
-        if explained and times > _MISFITS:
+        if times > _MISFITS:
             larger = f"{times:.1f} times" if math.isfinite(times) else "beyond"
             text = (
                 f"The runs that were fitted show no effect ({chance}), but on runs that no fit saw "
@@ -88,8 +80,7 @@ def _answer(diagnosis: Diagnosis) -> str:
         chance = f"together {percent(whole)}; these logs cannot separate them"
     it = "them" if len(effects) > 1 else effects[0] if among else "it"
     tied_ones, many = "them" if len(effects) > 1 else "it", len(effects) > 1
-    share = " part of" if leaves_much(diagnosis) else ""
-    text = f"{named} {'cause' if many else 'causes'}{share} the gap ({chance})"
+    text = f"{named} {'cause' if many else 'causes'} the gap ({chance})"
     if gap is not None and _contradicted(gap):
         grows = f"by {percent(-gap.closure)} of it" if gap.closure is not None else "without bounds"
         if gap.within_floor:
@@ -107,19 +98,6 @@ def _answer(diagnosis: Diagnosis) -> str:
     if first.ties and not among:
         text += f" These logs cannot separate {tied_ones} from {listed_or(first.ties)}."
     return text
-
-
-def leaves_much(diagnosis: Diagnosis) -> bool:
-    """Whether effects at ports leave a large part of the held-out gap, and twice the noise at some port."""
-    gap, effects = diagnosis.how_far, diagnosis.verdict.effects
-    if not effects or "outside" in effects or gap is None or gap.closure is None or gap.closure >= _CLOSED:
-        return False
-    return any(value > MUCH for value in at_ports(diagnosis).values())
-
-
-def at_ports(diagnosis: Diagnosis) -> dict[str, float]:
-    """Residual by port; empty for a docking rig, see `caveats`."""
-    return {name: value for name, value in diagnosis.misfit.items() if "." in name}
 
 
 def _contradicted(gap: Gap) -> bool:

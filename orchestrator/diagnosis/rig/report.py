@@ -46,34 +46,24 @@ def page(study: Study, diagnosis: Diagnosis, model: Augmented) -> str:
     places = list(dict.fromkeys(diagnosis.verdict.places)) or ["sensor"]
     figures = [figure_of(study, place, model) for place in places[:3]]
     seen: dict[str, str] = {words: drawn for drawn, words in figures}
-    return compose(diagnosis, seen, _assumed(study, diagnosis), catalogue(), "one contact ahead")
+    return compose(diagnosis, seen, _assumed(study, diagnosis))
 
 
-def compose(
-    diagnosis: Diagnosis,
-    figures: Mapping[str, str],
-    assumed: Sequence[str],
-    known: Mapping[str, Effect],
-    gap: str,
-    believed: Mapping[str, float] | None = None,
-) -> str:
+def compose(diagnosis: Diagnosis, figures: Mapping[str, str], assumed: Sequence[str]) -> str:
     """A page of a diagnosis, as HTML.
 
     Args:
         figures: SVG by what each shows in words.
         assumed: sentences.
-        known: the effects that were weighed, by id.
-        gap: over what the gap is measured.
-        believed: parameters that effects change, as configured, by name.
     """
     parts = [
         f"<p class=headline>{escape(headline(diagnosis))}</p>",
         aside("About the answer", caveats(diagnosis)),
         _warnings(diagnosis),
         "<div class=cards>",
-        _card("Which effect", _posterior(diagnosis, known, believed or {})),
+        _card("Which effect", _posterior(diagnosis)),
         _card("Where the gap lies", _where(diagnosis)),
-        _card("How far it shrinks", _how_far(diagnosis, gap)),
+        _card("How far it shrinks", _how_far(diagnosis)),
         _card("What to run next", _next(diagnosis)),
         "</div>",
         "<h2>Residuals before and after</h2>",
@@ -92,14 +82,14 @@ def _number(value: float | None, digits: int = 3) -> str:
     return "-" if value is None else f"{value:.{digits}g}"
 
 
-def _posterior(diagnosis: Diagnosis, known: Mapping[str, Effect], believed: Mapping[str, float]) -> str:
+def _posterior(diagnosis: Diagnosis) -> str:
     rows = []
     answer = chosen_answer(diagnosis)
     shown = [one for one in diagnosis.which if one.probability >= _WORTH][:_LINES]
     for one in shown:
         label = " + ".join(one.effects) or "no effect"
-        effects = [known[name] for name in one.effects if name in known]
-        notes = [_in_words(effect, one.parameters, believed) for effect in effects]
+        effects = [catalogue()[name] for name in one.effects if name in catalogue()]
+        notes = [_in_words(effect, one.parameters) for effect in effects]
         if one.ties and (one is answer or one.probability >= _TIED):
             notes.append(f"tied with {', '.join(one.ties)}")
         note = "; ".join(part for part in notes if part)
@@ -114,17 +104,13 @@ def _posterior(diagnosis: Diagnosis, known: Mapping[str, Effect], believed: Mapp
     return "".join(rows) + (f"<p class=note>95 % answer set: {escape(answers)}</p>" if answers else "")
 
 
-def _in_words(effect: Effect, parameters: Mapping[str, float], believed: Mapping[str, float]) -> str:
-    """Description of an effect with its fitted parameters and units; of a change also the value."""
+def _in_words(effect: Effect, parameters: Mapping[str, float]) -> str:
+    """Description of an effect with its fitted parameters and units."""
     fitted = []
     for one in effect.parameters:
         value = parameters.get(f"{effect.id}.{one.name}")
         if value is not None:
             unit = "" if one.unit in ("", "1") else f" {one.unit}"
-            changed = [
-                believed[name] for name, by in effect.changes.items() if by == one.name and name in believed
-            ]
-            fitted += [f"{before + value:.6g}{unit}, not {before:.6g}{unit}" for before in changed]
             fitted.append(f"{one.name} {value:.4g}{unit}")
     described = in_words(effect)
     return f"{described} ({', '.join(fitted)})" if fitted else described
@@ -137,18 +123,19 @@ def _where(diagnosis: Diagnosis) -> str:
         _bar(one.place, one.share, percent(one.share), strong=one.place in diagnosis.verdict.places)
         for one in diagnosis.where
     ]
-    runs = "train" if "how_far" in diagnosis.left_out else "held-out"
-    note = f"Shares of the closed-loop gap on {runs} runs; they add up to 100 %."
+    note = "Shares of the closed-loop gap on held-out runs; they add up to 100 %."
     if diagnosis.how_far is not None and diagnosis.how_far.within_floor:
         note += " The gap is within the noise: they mean little."
     return f"{''.join(rows)}<p class=note>{note}</p>"
 
 
-def _how_far(diagnosis: Diagnosis, over: str) -> str:
+def _how_far(diagnosis: Diagnosis) -> str:
     gap = diagnosis.how_far
     if gap is None:
         return _left_out(diagnosis, "how_far")
-    rows = [(over, gap)] + ([("complete run", gap.full_run)] if gap.full_run is not None else [])
+    rows = [("one contact ahead", gap)] + (
+        [("complete run", gap.full_run)] if gap.full_run is not None else []
+    )
     body = "".join(f"<tr><th>{name}</th>{_gap_cells(one)}</tr>" for name, one in rows)
     head = "".join(
         f"<th>{one}</th>" for one in ("", "before", "after", "noise", "closed", "by calibration alone")
@@ -209,12 +196,10 @@ def _augmented(diagnosis: Diagnosis) -> str:
         return ""
     items = "".join(f"<li>{escape(line)}</li>" for line in one.changed) or "<li>nothing</li>"
     items += "".join(f"<li>Not in it: {escape(key)}: {escape(why)}</li>" for key, why in one.left_out.items())
-    name = "rig" if one.run else "system"
-    like = f" with mass, speed and duration of {escape(one.run)}" if one.run else ""
     return (
-        f"<h2>The {name} with the effects, to be run</h2>"
-        f"<p><code>orchestrator run {escape(one.file)} --out augmented</code> co-simulates the {name}{like}. "
-        f"What differs from the {name} as believed:</p>"
+        "<h2>The rig with the effects, to be run</h2>"
+        f"<p><code>orchestrator run {escape(one.file)} --out augmented</code> co-simulates the rig with "
+        f"mass, speed and duration of {escape(one.run)}. What differs from the rig as believed:</p>"
         f"<ul>{items}</ul>"
     )
 
@@ -288,9 +273,7 @@ def _assumptions(assumed: Sequence[str]) -> str:
 def _provenance(diagnosis: Diagnosis) -> str:
     kept = diagnosis.provenance
     packages = ", ".join(f"{name} {version}" for name, version in (kept.get("packages") or {}).items())
-    sums = dict(kept.get("sha256") or {})
-    for name, one in (kept.get("fmus") or {}).items():
-        sums[f"{name}: {one.get('file') or one.get('model')}"] = str(one.get("checksum"))
+    sums = kept.get("sha256") or {}
     lines = "".join(
         f"<tr><td>{escape(name)}</td><td><code>{escape(digest.removeprefix('sha256:'))}</code></td></tr>"
         for name, digest in sums.items()

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping
-from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from ...base.errors import ConfigError, Problem
+from ...base.errors import Problem
 from ...results.file_formats import strict
 from ..study.mistakes import Warned
 
@@ -31,7 +30,6 @@ __all__ = [
     "Which",
     "chance_outside",
     "problems_of",
-    "read_diagnosis",
 ]
 
 FORMAT = "gap-diagnosis/1"
@@ -214,33 +212,7 @@ class Diagnosis(_Part):
         return strict(self.model_dump(mode="json"))
 
 
-def read_diagnosis(path: Path) -> Diagnosis:
-    """Read a diagnosis.json, or that of a folder.
-
-    Raises: ConfigError with all problems.
-    """
-    file = path / NAME if path.is_dir() else path
-    try:
-        data = file.read_bytes()
-    except OSError as error:
-        raise ConfigError([Problem(str(file), f"cannot be read: {error.strerror}")]) from None
-    try:
-        return Diagnosis.model_validate_json(data)
-    except ValidationError as error:
-        raise ConfigError(problems_of(error, str(file))) from None
-
-
-class _Likely(Protocol):
-    """An answer and its probability."""
-
-    @property
-    def effects(self) -> Collection[str]: ...
-
-    @property
-    def probability(self) -> float: ...
-
-
-def chance_outside(answers: Iterable[_Likely]) -> float:
+def chance_outside(answers: Iterable[Any]) -> float:
     """Probability of something outside the catalogue, whatever acts beside it."""
     return sum(one.probability for one in answers if "outside" in one.effects)
 
