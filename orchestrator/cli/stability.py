@@ -157,7 +157,13 @@ def _analysed(prepared: Prepared, args: argparse.Namespace) -> _Analysis:
     if args.verify:
         from ..frequency.verify import verified, verify_text
 
-        report["verify"] = verified(args.config, linear, overrides)
+        known = [
+            tell(prepared, linear, chosen.options)
+            for chosen in choose_measures(prepared.config)
+            if (tell := getattr(chosen.measure, "hold", None)) is not None
+        ]
+        hold = {name: value for one in known for name, value in one.items()}
+        report["verify"] = verified(args.config, linear, overrides, hold if known else None)
         words = f"{words}\n{verify_text(report['verify'])}"
 
     def draw() -> dict[str, Any]:

@@ -123,6 +123,12 @@ class DockingMeasure:
 
         return contact_point(prepared, options)
 
+    def hold(self, prepared: Prepared, linear: Linearised, options: DockingOptions) -> dict[str, float]:
+        """A push on the satellite that lets the rod rest in its frame."""
+        from .stability import resting_push
+
+        return resting_push(prepared, linear, options)
+
     def stability(
         self, prepared: Prepared, linear: Linearised, report: Mapping[str, Any], options: DockingOptions
     ) -> tuple[dict[str, Any], list[str]]:

@@ -32,6 +32,7 @@ __all__ = [
     "contact_root",
     "growth_per_contact",
     "predict_contact",
+    "resting_push",
     "stability_lines",
     "stability_numbers",
 ]
@@ -101,11 +102,21 @@ class ContactLoop:
         return names[0]
 
     @property
+    def share(self) -> float:
+        """Of a steady force of the contact, what arrives at the satellite."""
+        system, options = self.linear.system, self.options
+        still = [
+            f"{one}.{name}" for one in (options.satellite, options.robot) for name in ("position", "velocity")
+        ]
+        given = {name: 0.0 for name in still if name in system.outputs} | {f"{options.contact}.force": 1.0}
+        return float(system.driven(given, f"{options.satellite}.force", np.array([1e-9 + 0j]))[0].real)
+
+    @property
     def active(self) -> bool:
         """Whether a controller compensates the force."""
         name = self.options.controller
         return (
-            name is not None and name in self.linear.laws and int(self.parameters[f"{name}.mode"]) == _ACTIVE
+            name is not None and name in self.linear.told and int(self.parameters[f"{name}.mode"]) == _ACTIVE
         )
 
     @property
@@ -129,6 +140,9 @@ def contact_point(
     models = {one.name: one.fmu.description.name.rpartition(".")[2] for one in prepared.system.instances}
     place = float(parameters[f"{options.contact}.front"]) + _DEPTH
     start = {options.satellite: {"position": place, "velocity": 0.0}, options.robot: {"position": place}}
+    # A controller that acts on a force above a threshold is to see the contact's.
+    force = -float(parameters[f"{options.contact}.stiffness"]) * _DEPTH
+    start |= {name: {"filtered_force": force} for name, model in models.items() if model == "ForceSensor"}
     laws = {}
     if models[options.satellite] == "SatelliteDynamics":
         mass, eye = float(parameters[f"{options.satellite}.mass"]), np.eye(2)
@@ -197,6 +211,16 @@ def _controller(p: Mapping[str, Any], stiffness: float, damping: float) -> Law:
     return Law(limit, 0.5 * period, sampled, period, tuple(notes))
 
 
+def resting_push(prepared: Prepared, linear: Linearised, options: DockingOptions) -> dict[str, float]:
+    """The constant force on the satellite that balances the contact's where the rod rests, by input [N]."""
+    loop = ContactLoop(linear, options, parameters_of(prepared.system), prepared.config.name)
+    return {
+        f"{options.satellite}.force": float(loop.parameters[f"{options.contact}.stiffness"])
+        * _DEPTH
+        * loop.share
+    }
+
+
 def contact_root(modes: Modes | Iterable[Mode]) -> complex | None:
     """The rightmost root that oscillates, upper half plane [rad/s]; None if none of those listed does."""
     listed_modes = modes.modes if isinstance(modes, Modes) else modes
@@ -259,7 +283,6 @@ def predict_contact(loop: ContactLoop, count: int = 6) -> Contact:
     omega, xi, late = (float(parameters[f"{options.robot}.{name}"]) for name in ("omega_n", "xi_n", "tau_m"))
     lag = late + 2.0 * xi / omega
     still, nothing = dict.fromkeys(robot, 0.0), dict.fromkeys(satellite, 0.0)
-    contact = f"{options.contact}.force"
     stiffness, damping = (float(parameters[f"{options.contact}.{name}"]) for name in ("stiffness", "damping"))
 
     def source(s: Complex) -> Complex:
@@ -274,7 +297,7 @@ def predict_contact(loop: ContactLoop, count: int = 6) -> Contact:
         gap = driven({satellite[0]: 1.0, satellite[1]: 0.0, **still}, s)
         return (rod + desired) / s**2 + gap / s * lag
 
-    share = float(driven({contact: 1.0, **nothing}, np.array([1e-9 + 0j]))[0].real)
+    share = loop.share
 
     def arriving(s: Complex) -> Complex:
         return source(s) / (1.0 + system.response(back, s))
@@ -325,9 +348,12 @@ def stability_numbers(
 ) -> dict[str, Any]:
     """Growth per contact for the report of `orchestrator stability`.
 
-    Returns: a dict with `growth_per_contact` (None if no root oscillates), `contact` (`velocity_ratio`,
-        `energy_gain`, `duration` [s], `left_out`; or `error`) and `growth_with_steps`.
+    Returns: a dict with `growth_per_contact` (None if no root oscillates, or roots do not tell), `contact`
+        (`velocity_ratio`, `energy_gain`, `duration` [s], `left_out`; or `error`) and `growth_with_steps`.
     """
+    if unlike := [one["instance"] for one in report["not_linear"]]:
+        why = f"not known by roots, since {listed(unlike)} is not linear in contact"
+        return {"growth_per_contact": None, "contact": {"error": why}, "growth_with_steps": None}
     loop = ContactLoop(linear, options, parameters_of(prepared.system), prepared.config.name)
     growth = loop.growth
     contact: dict[str, Any]

@@ -461,6 +461,10 @@ class DelaySystem:
             s = complex(s.real, 0.0)
         return complex(s.real, abs(s.imag)) if self._residual(s) <= _RESIDUAL else None
 
+    def vector(self, root: complex) -> Complex:
+        """States and inputs of the mode of a root, shape (n + m,), of length 1."""
+        return np.linalg.svd(self._matrix(np.array([root]))[0])[2][-1].conj()
+
     def _residual(self, s: complex) -> float:
         matrix = self._matrix(np.array([s]))[0]
         # Units of states and inputs differ by many orders: rows and columns are scaled first.

@@ -24,13 +24,15 @@ from ..master.running_instances import Instances, instantiate
 from ..results.measures import choose_measures
 from ..simulation.run import Prepared, prepare
 from ..system.connection import Connection
+from ..system.external import ExternalFmu
 from ..system.signal_vector import Signals
 from ..system.system import Instance
 from .connections import effect_note, effect_path, known_effects
 from .delay_system import FILTER, DelaySystem, Link, Modes
 from .margins import Margins
 from .measured_part import answer, measured_part, passage
-from .statespace import StateSpace, linearised, real_ports
+from .measured_samples import sampled_law, sampling
+from .statespace import LateInput, Law, StateSpace, linearised, real_ports
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,41 +46,6 @@ _MOST_STEPS = 5_000
 _SAMPLES = 24
 # Of the fit, relative to the answer: a delay is one only if nothing else remains.
 _LEFT = 2e-3
-
-
-@dataclass(frozen=True)
-class LateInput:
-    """A measured path from an input through a delay to states and outputs.
-
-    Attributes:
-        delay: [s].
-        gains: what the input's delayed value adds to each state's derivative, shape (n,).
-        through: what it adds to each output, shape (p,).
-    """
-
-    delay: float
-    gains: Array
-    through: Array
-
-
-@dataclass(frozen=True)
-class Law:
-    """Linear equations of an instance whose FMU does not tell them, such as of a sampled controller.
-
-    Attributes:
-        space: in the limit of short samples, with the names of the FMU's variables.
-        hold: by how much later its inputs act there, as half a sample period [s].
-        sampled: at samples x+ = A x + B u, y = C x + D u, held between them; None: `space` holds in steps,
-            too.
-        period: of the samples [s].
-        notes: what the equations leave out, one sentence each.
-    """
-
-    space: StateSpace
-    hold: float = 0.0
-    sampled: StateSpace | None = None
-    period: float = 0.0
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -104,8 +71,10 @@ class Linearised:
         notes: what was measured, assumed or left out, one sentence each.
         parts: the state space of each instance, by its name.
         late: inputs that act after a delay within their FMU, as "robot.command".
-        laws: of instances whose equations a measure of the config knows.
-        chosen: whether a measure of the config chose the operating point.
+        laws: of instances whose equations a measure of the config knows, or that sample.
+        told: those whose law a measure of the config knows.
+        start: start values of the operating point that a measure of the config chose, by instance and
+            variable, FMU's units; None: the point is no start of a run.
     """
 
     system: DelaySystem
@@ -114,7 +83,17 @@ class Linearised:
     parts: Mapping[str, StateSpace]
     late: Mapping[str, LateInput]
     laws: Mapping[str, Law] = field(default_factory=dict)
-    chosen: bool = False
+    told: tuple[str, ...] = ()
+    start: Mapping[str, Mapping[str, Any]] | None = field(default_factory=dict)
+
+    @property
+    def chosen(self) -> bool:
+        """Whether a measure of the config chose the operating point."""
+        return bool(self.start)
+
+    def started(self, prepared: Prepared) -> Prepared:
+        """The system with the start values of the operating point."""
+        return _started(prepared, self.start or {})
 
     def modes(self, count: int = 6) -> Modes:
         """The rightmost modes; see `DelaySystem.modes`."""
@@ -184,11 +163,17 @@ def linearise(
         their states in no way that is known here, and all effects without a transfer function.
     """
     prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
+    if outside := [
+        Problem(one.name, "it is another program: nothing is known of what it does", "", "Leave it out.")
+        for one in prepared.system.instances
+        if isinstance(one.fmu, ExternalFmu)
+    ]:
+        raise ConfigError(outside)
     point = point or _known_point(prepared)
     if at_time is not None:
-        return _linearised(prepared, at_time, point.laws)
+        return replace(_linearised(prepared, at_time, point.laws), start=None)
     made = _linearised(_started(prepared, point.start), None, point.laws)
-    return replace(made, chosen=bool(point.start))
+    return replace(made, start=point.start)
 
 
 def _known_point(prepared: Prepared) -> LinearPoint:
@@ -216,6 +201,7 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
     problems: list[Problem] = []
     notes: list[str] = []
     parts: dict[str, StateSpace] = {}
+    known = dict(laws)
     hidden: dict[str, LateInput] = {}
     point: dict[str, float] = {}
     fed = {str(connection.target) for connection in system.connections}
@@ -241,7 +227,7 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
             values = running.get_values([*names, *inputs])
             point |= {f"{one.name}.{name}": float(value) for name, value in values.items()}
             parts[one.name] = part
-            if one.name in laws:
+            if one.name in known:
                 continue
             why = "offers no directional derivatives" if refusal(one) is not None else ""
             if (
@@ -252,6 +238,15 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
             ):
                 why = "names no states"
             if why:
+                sampled = _by_samples(one, inputs, read, values, prepared)
+                if isinstance(sampled, Law):
+                    known[one.name] = sampled
+                    parts[one.name] = sampled.space
+                    notes += [f"{one.name}: {note}" for note in sampled.notes]
+                    continue
+                if sampled:
+                    problems.append(Problem(one.name, f"it {why}, and {sampled}", "", _REMEDY))
+                    continue
                 found = _by_steps(one, inputs, read, values, prepared, why)
                 if isinstance(found, str) and refusal(one) is not None:
                     problems.append(Problem(one.name, f"it {why}, and {found}", "", _REMEDY))
@@ -261,19 +256,52 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
                     hidden |= late
                     notes += more
                     continue
+                if isinstance(found, str) and not all(_acts(part, name) for name in inputs):
+                    problems.append(Problem(one.name, f"it {why}, and {found}", "", _MEASURE))
+                    continue
             for name in inputs:
                 _behind(one, part, name, values, prepared, hidden, notes, problems)
     chains, wrong = chains_of(system.connections, notes)
     if problems or wrong:
         raise ConfigError([*problems, *wrong])
     chains = [
-        replace(one, delay=one.delay + laws[name].hold)
-        if (name := one.target.partition(".")[0]) in laws
+        replace(one, delay=one.delay + known[name].hold)
+        if (name := one.target.partition(".")[0]) in known
         else one
         for one in chains
     ]
-    closed = _closed([part.named(name) for name, part in parts.items()], chains, hidden)
-    return Linearised(closed, point, tuple(dict.fromkeys(notes)), parts, hidden, laws)
+    paths = {name: (one,) for name, one in hidden.items()}
+    for name, law in known.items():
+        paths |= {f"{name}.{port}": late for port, late in law.late.items()}
+    closed = _closed([part.named(name) for name, part in parts.items()], chains, paths)
+    return Linearised(closed, point, tuple(dict.fromkeys(notes)), parts, hidden, known, tuple(laws))
+
+
+def _by_samples(
+    one: Instance,
+    inputs: tuple[str, ...],
+    read: tuple[str, ...],
+    values: Mapping[str, Any],
+    prepared: Prepared,
+) -> Law | str:
+    """The law of an instance that samples; why it is not known; empty if the instance does not sample."""
+    if not inputs or not read:
+        return ""
+    values = {name: values[name] for name in inputs}
+    when = sampling(one, inputs, read, values, prepared)
+    if isinstance(when, str) or when is None:
+        return when or ""
+    found = sampled_law(one, inputs, read, values, prepared, when)
+    if isinstance(found, str):
+        return found
+    law, error = found
+    count = len(law.sampled.states) if law.sampled is not None else 0
+    states = f"{count} state{'' if count == 1 else 's'}"
+    text = (
+        f"samples every {law.period:.6g} s; its response from sample to sample was measured: {states}, error "
+        f"{100 * error:.2g} %; a held output counts as half a period late"
+    )
+    return replace(law, notes=(text,))
 
 
 def _by_steps(
@@ -302,6 +330,12 @@ def _by_steps(
     return part, late, [text] if read else []
 
 
+def _acts(part: StateSpace, name: str) -> bool:
+    """Whether an input acts on a state's derivative or an output at once."""
+    column = part.inputs.index(name)
+    return bool(part.b[:, column].any() or part.d[:, column].any())
+
+
 def _behind(
     one: Instance,
     part: StateSpace,
@@ -313,8 +347,7 @@ def _behind(
     problems: list[Problem],
 ) -> None:
     """An input that acts on nothing at once: the delay that it stands behind, or why there is none."""
-    column = part.inputs.index(name)
-    if part.b[:, column].any() or part.d[:, column].any():
+    if _acts(part, name):
         return
     found = _measured(one, part, name, values, prepared)
     if found == "idle":
@@ -326,7 +359,7 @@ def _behind(
                 f"input {name} acts on no state's derivative and no output at once",
                 "no pure delay was measured between them: a sample, hidden states or an inactive part of the "
                 "model",
-                "Measure the loop with orchestrator.frequency.sweep_system.",
+                _MEASURE,
             )
         )
     else:
@@ -338,6 +371,7 @@ def _sources(connection: Connection) -> list[Any]:
     return [connection.source] if connection.wire is None else [leg.port for leg in connection.wire.legs]
 
 
+_MEASURE = "Measure the loop with orchestrator.frequency.sweep_system."
 _REMEDY = (
     "Export it with providesDirectionalDerivative, or measure the loop with "
     "orchestrator.frequency.sweep_system."
@@ -413,7 +447,9 @@ def chains_of(connections: Iterable[Connection], notes: list[str]) -> tuple[list
     return chains, problems
 
 
-def _closed(parts: list[StateSpace], chains: list[Chain], hidden: Mapping[str, LateInput]) -> DelaySystem:
+def _closed(
+    parts: list[StateSpace], chains: list[Chain], hidden: Mapping[str, tuple[LateInput, ...]]
+) -> DelaySystem:
     lags = [(index, place, lag) for index, one in enumerate(chains) for place, lag in enumerate(one.lags)]
     blocks = [(one.a, one.b, one.c, one.d) for one in parts]
     states = [name for one in parts for name in one.states]
@@ -431,20 +467,32 @@ def _closed(parts: list[StateSpace], chains: list[Chain], hidden: Mapping[str, L
         a = b = c = d = np.zeros((0, 0))
     first, row = 0, 0
     # A delayed path into an FMU is an input of its own.
-    behind: dict[str, int] = {}
+    behind: dict[str, list[int]] = {}
     for part in parts:
         for name in part.inputs:
-            if name in hidden:
+            for path in hidden.get(name, ()):
                 column = np.zeros((len(a), 1))
-                column[first : first + len(part.states), 0] = hidden[name].gains
-                behind[name] = b.shape[1]
+                column[first : first + len(part.states), 0] = path.gains
+                behind.setdefault(name, []).append(b.shape[1])
                 b = np.hstack([b, column])
                 through = np.zeros((len(d), 1))
-                through[row : row + len(part.outputs), 0] = hidden[name].through
+                through[row : row + len(part.outputs), 0] = path.through
                 d = np.hstack([d, through])
                 inputs.append(f"{name} delayed")
         first, row = first + len(part.states), row + len(part.outputs)
     links = []
+    for name, places in behind.items():
+        if len(places) == 1:
+            continue
+        # Several paths part behind the input, which passes its value on to them.
+        d = np.vstack([d, np.zeros((1, d.shape[1]))])
+        c = np.vstack([c, np.zeros((1, c.shape[1]))])
+        d[-1, inputs.index(name)] = 1.0
+        outputs.append(f"{name} passed")
+        links += [
+            Link(f"{name}{FILTER}", len(outputs) - 1, place, 1.0, path.delay)
+            for place, path in zip(places, hidden[name], strict=True)
+        ]
     for index, one in enumerate(chains):
         if one.source not in outputs:
             continue  # a parameter-like output that nothing drives
@@ -453,10 +501,9 @@ def _closed(parts: list[StateSpace], chains: list[Chain], hidden: Mapping[str, L
             name = f"{one.target}{FILTER}" + (f"[{place}]" if place else "") + f"@{index}"
             links.append(Link(f"{one.connection}{FILTER}", source, inputs.index(name), 1.0))
             source = outputs.index(name)
-        if one.target in hidden:
-            links.append(
-                Link(one.connection, source, behind[one.target], gain, one.delay + hidden[one.target].delay)
-            )
+        if len(behind.get(one.target, ())) == 1:
+            (path,) = hidden[one.target]
+            links.append(Link(one.connection, source, behind[one.target][0], gain, one.delay + path.delay))
         else:
             links.append(Link(one.connection, source, inputs.index(one.target), gain, one.delay))
     return DelaySystem(a, b, c, d, tuple(states), tuple(inputs), tuple(outputs), tuple(links))

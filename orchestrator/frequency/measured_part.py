@@ -7,7 +7,7 @@ behind them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from ..simulation.run import Prepared
 from ..system.system import Instance
 from .statespace import StateSpace
 
-__all__ = ["answer", "measured_part", "passage"]
+__all__ = ["FIT", "answer", "continuous", "differences", "measured_part", "passage", "realised", "scaled"]
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ _SAMPLES = 48
 _SETTLE = 16
 # Singular values below this share of the largest are no states; the model has to fit this well.
 _RANK = 1e-7
-_FIT = 1e-2
+FIT = 1e-2
 _ROUNDING = 1e-13
 
 
@@ -45,6 +45,7 @@ def answer(
     moves: int,
     share: float = 1.0,
     settle: int = 0,
+    fine: int = 1,
 ) -> Array:
     """By how much variables of two runs of one FMU differ that differ in a step of an input.
 
@@ -53,57 +54,87 @@ def answer(
         steps: most steps; moves: how many are taken after the first difference.
         share: of the usual height of the step.
         settle: steps before it, which the result leaves out.
+        fine: steps in a communication step.
     Returns: shape (steps + 1, watched), relative to the height.
     Raises: StepError if the FMU refuses to run on its own.
     """
-    begin, step = float(prepared.grid.start), float(prepared.grid.step_size)
     height = share * _HEIGHT * (abs(float(values[name])) or float(one.variable(name).nominal or 1.0))
-    inputs = [np.array([float(values[name])]) for _ in range(2)]
+
+    def deviations() -> Iterator[Array]:
+        for index in range(settle + steps):
+            yield np.array([height if index >= settle else 0.0])
+
+    found: list[Array] = []
+    moved = 0
+    for index, one_difference in enumerate(
+        differences(one, [name], values, watched, prepared, deviations(), fine)
+    ):
+        if index < settle:
+            continue
+        found.append(one_difference / height)
+        moved += bool(index > settle and np.max(abs(found[-1]), initial=0.0) > 0.0)
+        if moved > moves:
+            break
+    made = np.array(found or [np.zeros(len(watched))])
+    size = np.max(abs(made), axis=0)
+    made[:, size < 1e-12 * np.max(size, initial=0.0)] = 0.0
+    return made
+
+
+def differences(
+    one: Instance,
+    names: Sequence[str],
+    values: Mapping[str, Any],
+    watched: Sequence[str],
+    prepared: Prepared,
+    deviations: Iterable[Array],
+    fine: int = 1,
+) -> Iterator[Array]:
+    """By how much variables of two runs of one FMU differ, at the start and after each step.
+
+    Args:
+        names: inputs that differ; values: of all connected inputs at the operating point, FMU's units.
+        deviations: by how much they differ over each step, shape (names,).
+        fine: steps in a communication step.
+    Yields: shape (watched,); fewer than there are deviations if the FMU ends.
+    Raises: StepError if the FMU refuses to run on its own.
+    """
+    begin, step = float(prepared.grid.start), float(prepared.grid.step_size) / fine
+    still = np.array([float(values[name]) for name in names])
+    inputs = [still.copy() for _ in range(2)]
     instances: list[FmuInstance] = []
+    courses = list(deviations)
     try:
         for u in inputs:
             instance = one.fmu.instantiate(f"{one.name} linearised")
             instances.append(instance)
-            instance.bind([name], u, [], np.zeros(0))
+            instance.bind(list(names), u, [], np.zeros(0))
             # On its own it may run longer than the system.
-            stop = begin + (settle + steps + 1) * step
-            instance.enter_initialisation(begin, {**one.start, **values}, stop)
+            instance.enter_initialisation(begin, {**one.start, **values}, begin + (len(courses) + 1) * step)
             instance.exit_initialisation()
 
         def difference() -> Array:
-            still, changed = (
+            fixed, changed = (
                 np.array([float(value) for value in instance.get_values(watched).values()])
                 for instance in instances
             )
-            moved = changed - still
+            moved = changed - fixed
             # What rounding makes is no answer.
-            return np.where(abs(moved) > _ROUNDING * abs(still), moved, 0.0) / height
+            return np.where(abs(moved) > _ROUNDING * abs(fixed), moved, 0.0)
 
-        found: list[Array] = []
-        moved = 0
-        for index in range(settle + steps):
-            if index == settle:
-                found.append(difference())
-                inputs[1] += height
+        yield difference()
+        for index, more in enumerate(courses):
+            inputs[1][:] = still + more
             status = StepStatus.OK
             for instance in instances:
                 instance.write_inputs()
                 status = max(status, instance.do_step(Point(index, begin + index * step, step)))
             if status > StepStatus.WARNING:
-                break
-            if index < settle:
-                continue
-            found.append(difference())
-            moved += bool(np.max(abs(found[-1]), initial=0.0) > 0.0)
-            if moved > moves:
-                break
+                return
+            yield difference()
     finally:
         for instance in instances:
             instance.free()
-    made = np.array(found or [np.zeros(len(watched))])
-    size = np.max(abs(made), axis=0)
-    made[:, size < 1e-12 * np.max(size, initial=0.0)] = 0.0
-    return made
 
 
 def passage(
@@ -193,9 +224,56 @@ def measured_part(
         (float(np.max(abs(made - one[:length]) / scale)) for one in (shifted, shifted_other) if one.size),
         default=0.0,
     )
-    if not error <= _FIT:
+    if not error <= FIT:
         return f"its measured response differs by {100 * error:.2g} % from any linear one without samples"
     return space, late, error
+
+
+def scaled(markov: Array) -> tuple[Array, Array, Array]:
+    """Markov parameters, shape (samples, outputs, inputs), in units that make all channels alike; rows' and
+    columns' units.
+    """
+    rows, columns = np.max(abs(markov), axis=(0, 2)), np.max(abs(markov), axis=(0, 1))
+    rows, columns = np.where(rows > 0.0, rows, 1.0), np.where(columns > 0.0, columns, 1.0)
+    return markov / rows[:, None] / columns, rows, columns
+
+
+def realised(markov: Array, scale: float) -> tuple[Array, Array, Array] | None:
+    """A, B and C with C A^k B the Markov parameter k; None if there are as many states as samples allow.
+
+    Args: markov: shape (samples, outputs, inputs); scale: what they are small against.
+    """
+    half, (p, m) = len(markov) // 2, markov.shape[1:]
+    hankel = np.block([[markov[i + j] for j in range(half)] for i in range(half)])
+    left, values, right = np.linalg.svd(hankel)
+    order = int(np.sum(values > _RANK * max(values[0], scale))) if values[0] > 1e-9 * scale else 0
+    if order >= half - 1:
+        return None
+    root = np.sqrt(values[:order])
+    seen, reached = left[:, :order] * root, root[:, None] * right[:order]
+    shift, *_ = np.linalg.lstsq(seen[:-p], seen[p:], rcond=None)
+    return shift, reached[:, :m], seen[:p]
+
+
+def continuous(shift: Array, reached: Array, step: float) -> tuple[Array, Array, Array] | str:
+    """x' = A x + B u behind x+ = shift x + reached u for inputs that are held from sample to sample.
+
+    Returns: A, B, and what an input adds to the states over the sample at whose end it is first seen; or why
+        there are none.
+    """
+    order, m = reached.shape
+    if not order:
+        return shift, reached, reached
+    poles = np.linalg.eigvals(shift)
+    if min(abs(poles)) < 1e-3:
+        return "it samples, or its response is no linear one: it has no continuous states"
+    if np.any((abs(poles.imag) < 1e-9) & (poles.real < 0.0)):
+        return "it alternates from step to step: it has no continuous states"
+    held = np.linalg.solve(shift, reached)
+    whole = np.eye(order + m)
+    whole[:order, :order], whole[:order, order:] = shift, held
+    made = np.real(scipy.linalg.logm(whole)) / step
+    return made[:order, :order], made[:order, order:], held
 
 
 def _realised(
@@ -203,39 +281,25 @@ def _realised(
 ) -> StateSpace | str:
     """States behind step responses, shape (samples, outputs, inputs)."""
     p, m = len(outputs), len(inputs)
-    empty = (np.zeros((0, 0)), np.zeros((0, m)), np.zeros((p, 0)))
     if not p or not m:
+        empty = (np.zeros((0, 0)), np.zeros((0, m)), np.zeros((p, 0)))
         return StateSpace(*empty, np.zeros((p, m)), (), inputs, outputs)
     markov = np.diff(response, axis=0)
-    rows, columns = np.max(abs(markov), axis=(0, 2)), np.max(abs(markov), axis=(0, 1))
-    rows, columns = np.where(rows > 0.0, rows, 1.0), np.where(columns > 0.0, columns, 1.0)
-    scaled = markov / rows[:, None] / columns
-    scale = np.max(abs(scaled), initial=0.0)
-    later = scaled[1:]
-    half = len(later) // 2
-    hankel = np.block([[later[i + j] for j in range(half)] for i in range(half)])
-    left, values, right = np.linalg.svd(hankel)
-    order = int(np.sum(values > _RANK * max(values[0], scale))) if values[0] > 1e-9 * scale else 0
-    d = markov[0]
-    if not order:
-        return StateSpace(*empty, d, (), inputs, outputs)
-    root = np.sqrt(values[:order])
-    seen, reached = left[:, :order] * root, root[:, None] * right[:order]
-    shift, *_ = np.linalg.lstsq(seen[:-p], seen[p:], rcond=None)
-    poles = np.linalg.eigvals(shift)
-    if order >= half - 1 or min(abs(poles)) < 1e-3:
+    numbers, rows, columns = scaled(markov)
+    found = realised(numbers[1:], np.max(abs(numbers), initial=0.0))
+    if found is None:
         return "it samples, or its response is no linear one: it has no continuous states"
-    if np.any((abs(poles.imag) < 1e-9) & (poles.real < 0.0)):
-        return "it alternates from step to step: it has no continuous states"
-    c = rows[:, None] * seen[:p]
-    held = np.linalg.solve(shift, reached[:, :m]) * columns
-    whole = np.eye(order + m)
-    whole[:order, :order], whole[:order, order:] = shift, held
-    made = np.real(scipy.linalg.logm(whole)) / step
-    names = tuple(f"measured[{index + 1}]" for index in range(order))
-    d = d - c @ held
-    d = np.where(abs(d) > 1e-9 * np.max(abs(response), axis=0), d, 0.0)
-    return StateSpace(made[:order, :order], made[:order, order:], c, d, names, inputs, outputs)
+    shift, reached, seen = found
+    made = continuous(shift, reached, step)
+    if isinstance(made, str):
+        return made
+    a, b, held = made
+    c, d = rows[:, None] * seen, markov[0]
+    if len(a):
+        d = d - c @ (held * columns)
+        d = np.where(abs(d) > 1e-9 * np.max(abs(response), axis=0), d, 0.0)
+    names = tuple(f"measured[{index + 1}]" for index in range(len(a)))
+    return StateSpace(a, b * columns, c, d, names, inputs, outputs)
 
 
 def _steps(space: StateSpace, length: int, step: float) -> Array:

@@ -29,10 +29,10 @@ from ..simulation.run import Prepared
 from ..system.signal_vector import Layout
 from .connections import Feed
 from .delay_system import Mode
-from .from_system import LateInput, Law, Linearised
-from .statespace import StateSpace
+from .from_system import Linearised
+from .statespace import LateInput, Law, StateSpace
 
-__all__ = ["Late", "SampledSystem", "sampled_system"]
+__all__ = ["Late", "SampledPart", "SampledSystem", "sampled_part", "sampled_system"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -231,7 +231,7 @@ def sampled_system(prepared: Prepared, linear: Linearised, resting: int = 0) -> 
     return _Steps(prepared, linear).assembled(resting)
 
 
-class _Part:
+class Part:
     """x' = A x + B u, y = C x + D u over one step; u a polynomial, some of its effect later by a delay."""
 
     def __init__(self, space: StateSpace, late: Mapping[str, LateInput], step: float, order: int) -> None:
@@ -284,21 +284,46 @@ class _Part:
         return kept, self.space.c @ x + self.space.d @ _ahead(course, self.step)[0] + passed
 
 
-class _SampledPart:
-    """A law that samples: x+ = A x + B u, y = C x + D u at its instants, held between them."""
+class SampledPart:
+    """A law that samples: x+ = A x + B u, y = C x + D u at its instants, held between them.
 
-    def __init__(self, law: StateSpace, every: int) -> None:
-        self.space, self.every, self.late = law, every, ()
-        self.size = len(law.states) + len(law.outputs)
+    Its rows: x, the outputs, and where a sample is taken once more the x before it.
+    """
+
+    def __init__(self, law: Law, space: StateSpace, every: int) -> None:
+        self.law, self.space, self.every, self.late = law, space, every, ()
+        self.again = law.begins and law.ends
+        self.size = len(space.states) * (2 if self.again else 1) + len(space.outputs)
 
     def advance(self, z: Array, course: Sequence[Array], phase: int) -> tuple[Array, Array]:
         """State and outputs at the end of the step `phase`, where it samples if one is due."""
-        n = len(self.space.states)
-        if (phase + 1) % self.every:
-            return z, z[n:]
-        x, u = z[:n], course[0]
-        outputs = self.space.c @ x + self.space.d @ u
-        return np.concatenate([self.space.a @ x + self.space.b @ u, outputs]), outputs
+        n, p = len(self.space.states), len(self.space.outputs)
+        x, outputs, before = z[:n], z[n : n + p], z[n + p :]
+        if self.law.begins and phase % self.every == 0:
+            x, outputs = self._sample(before if self.again else x, course[0])
+        if self.law.ends and (phase + 1) % self.every == 0:
+            before = x if self.again else before
+            x, outputs = self._sample(x, course[0])
+        return np.concatenate([x, outputs, before]), outputs
+
+    def _sample(self, x: Array, u: Array) -> tuple[Array, Array]:
+        return self.space.a @ x + self.space.b @ u, self.space.c @ x + self.space.d @ u
+
+
+def sampled_part(
+    linear: Linearised, name: str, step: float, order: int = 0, samples: int = 1
+) -> Part | SampledPart:
+    """An instance from one of its steps to the next.
+
+    Args:
+        step: its own [s]; order: of the polynomials that its inputs follow.
+        samples: steps in a sample period, of one whose law samples.
+    """
+    law, space = linear.laws.get(name), linear.parts[name]
+    if law is not None and law.sampled is not None:
+        return SampledPart(law, law.sampled, samples)
+    late = {port: linear.late[f"{name}.{port}"] for port in space.inputs if f"{name}.{port}" in linear.late}
+    return Part(space, late, step, order)
 
 
 def _ahead(course: Sequence[Array] | Array, time: float) -> list[Array]:
@@ -344,22 +369,13 @@ class _Steps:
         self.samples = {name: self._samples(name, law) for name, law in linear.laws.items() if law.sampled}
         self.count = self._count()
         layout, size = self.layout, 0
-        self.parts: list[_Part | _SampledPart] = []
+        self.parts: list[Part | SampledPart] = []
         self.rows: list[slice] = []
         states: list[str] = []
         for one, every in zip(system.instances, self.every, strict=True):
-            space = linear.parts[one.name]
-            own = {
-                name: linear.late[f"{one.name}.{name}"]
-                for name in space.inputs
-                if f"{one.name}.{name}" in linear.late
-            }
-            law = linear.laws.get(one.name)
-            if law is not None and law.sampled is not None:
-                part: _Part | _SampledPart = _SampledPart(law.sampled, self.samples[one.name])
-                space = law.sampled
-            else:
-                part = _Part(space, own, every * self.step_size, self.order)
+            samples = self.samples.get(one.name, 1)
+            part = sampled_part(linear, one.name, every * self.step_size, self.order, samples)
+            space = part.space
             self.parts.append(part)
             self.rows.append(slice(size, size + part.size))
             states += [f"{one.name}.{name}" for name in space.states]
@@ -453,7 +469,7 @@ class _Steps:
         """Step an instance: its state into z, its outputs into the signals."""
         part, span = self.parts[index], self.layout.spans[index]
         begin = z[self.rows[index]]
-        if isinstance(part, _SampledPart):
+        if isinstance(part, SampledPart):
             z[self.rows[index]], outputs = part.advance(begin, course, phase)
         else:
             z[self.rows[index]], outputs = part.advance(begin, course)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from ..fmi import Causality, Fmu, FmuInstance, Kind, Value
 from ..system.connection import Port
 from .linearise import load
 
-__all__ = ["StateSpace", "linearised", "real_ports", "state_names", "state_space"]
+__all__ = ["LateInput", "Law", "StateSpace", "linearised", "real_ports", "state_names", "state_space"]
 
 Array = NDArray[np.float64]
 
@@ -59,6 +59,48 @@ class StateSpace:
 
         names = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
         return control.ss(self.a, self.b, self.c, self.d, **{key: list(one) for key, one in names.items()})
+
+
+@dataclass(frozen=True)
+class LateInput:
+    """A measured path from an input through a delay to states and outputs.
+
+    Attributes:
+        delay: [s].
+        gains: what the input's delayed value adds to each state's derivative, shape (n,).
+        through: what it adds to each output, shape (p,).
+    """
+
+    delay: float
+    gains: Array
+    through: Array
+
+
+@dataclass(frozen=True)
+class Law:
+    """Linear equations of an instance whose FMU does not tell them, such as of a sampled controller.
+
+    Attributes:
+        space: in the limit of short samples, with the names of the FMU's variables.
+        hold: by how much later its inputs act there, as half a sample period [s].
+        sampled: at samples x+ = A x + B u, y = C x + D u, held between them; None: `space` holds in steps,
+            too.
+        period: of the samples [s].
+        notes: what the equations leave out, one sentence each.
+        begins, ends: whether a sample at a communication point takes the inputs that are set there, for the
+            step that begins, and those of the step that ends there; where both hold, the second sample takes
+            the place of the first.
+        late: paths from an input that act there after delays, by its name; its column in `space` is empty.
+    """
+
+    space: StateSpace
+    hold: float = 0.0
+    sampled: StateSpace | None = None
+    period: float = 0.0
+    notes: tuple[str, ...] = ()
+    begins: bool = False
+    ends: bool = True
+    late: Mapping[str, tuple[LateInput, ...]] = field(default_factory=dict)
 
 
 def state_space(

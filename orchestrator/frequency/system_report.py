@@ -12,6 +12,7 @@ from ..simulation.run import Prepared
 from .delay_system import Modes
 from .disk import DiskMargin, disk_margin, sensitivity
 from .from_system import Linearised, linearise
+from .linearity import Unlike, linearity_text, unlike_parts
 from .margins import Margins
 from .step_report import step_report, step_text
 
@@ -34,8 +35,8 @@ def system_stability(
             Several are also opened at once.
         linear: what `linearise` gave; made here if it is not.
     Returns: a dict with `verdict`, `modes`, `line`, `margins` (weakest connection first), `together` (of the
-        loops that are opened at once, or None), `sampled` (see `step_report`), `point`, `notes`; all but
-        `sampled` without communication steps.
+        loops that are opened at once, or None), `sampled` (see `step_report`), `not_linear` (see
+        `unlike_parts`), `point`, `notes`; all but `sampled` without communication steps.
     Raises: ConfigError with all problems; OrchestratorError if the roots cannot be certified.
     """
     linear = linear or linearise(prepared)
@@ -55,9 +56,10 @@ def system_stability(
             "sensitivity_peak": found.sensitivity_peak,
             "sensitivity_peak_at": found.sensitivity_peak_at,
         }
+    unlike = unlike_parts(linear.started(prepared), linear, modes) if linear.start is not None else []
     return {
         "title": prepared.config.model.title or prepared.config.name,
-        "verdict": _verdict(modes),
+        "verdict": _verdict(modes) + _without(unlike),
         "modes": [
             {
                 "root": [one.root.real, one.root.imag],
@@ -72,6 +74,7 @@ def system_stability(
         "margins": {name: {**_margins(one), **_disk(disks[name])} for name, one in margins.items()},
         "together": together,
         "sampled": step_report(prepared, linear, modes),
+        "not_linear": [vars(one) for one in unlike],
         "point": dict(linear.point),
         "notes": list(linear.notes),
     }
@@ -89,6 +92,11 @@ def _verdict(modes: Modes) -> str:
             f"on the border: {len(border)} root{'s' if len(border) > 1 else ''} without damping, of {names}"
         )
     return "stable"
+
+
+def _without(unlike: Sequence[Unlike]) -> str:
+    names = [one.instance for one in unlike if not one.drifts]
+    return f", without what {listed(names)} does beside its linear equations" if names else ""
 
 
 def _named(linear: Linearised, opened: Sequence[str]) -> list[str]:
@@ -131,7 +139,8 @@ def _disk(one: DiskMargin) -> dict[str, Any]:
 
 def system_text(report: dict[str, Any]) -> str:
     """The report as text for terminals."""
-    lines = [report["title"], report["verdict"], "modes, from the right:"]
+    unlike = [Unlike(**one) for one in report["not_linear"]]
+    lines = [report["title"], report["verdict"], *linearity_text(unlike), "modes, from the right:"]
     for one in report["modes"]:
         real, imaginary = one["root"]
         root = f"{real:.6g}" + (f" +-{imaginary:.6g}j" if imaginary else "")

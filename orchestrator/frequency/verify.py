@@ -8,6 +8,7 @@ the config's communication step and at half of it: what then remains between the
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,16 +34,22 @@ _CHANGE = 1e-4
 _CHANNELS = 6
 # Singular values below this share of the largest are noise.
 _NOISE = 1e-6
+# A pole this far from the predicted one, relative to it, is not that of the linear system.
+_UNLIKE = 0.01
 
 
 def verified(
-    config: str | Path | Mapping[str, Any], linear: Linearised, overrides: Iterable[str] = ()
+    config: str | Path | Mapping[str, Any],
+    linear: Linearised,
+    overrides: Iterable[str] = (),
+    hold: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
     """Compare dominant roots with the decay and frequency of co-simulations.
 
     Args:
         config, overrides: as for `prepare`.
-        linear: the system around its start.
+        linear: the system around its start, or a point that a measure of the config chose.
+        hold: constants by input, FMU's units, that let a run rest at such a point; None: not known.
     Returns: a dict with `changed` (the start value that was changed), `root` (the machine's), and for each
         step `step` [s], `found` (the pole) and `difference` (its distance from the root, relative to the
         root); the last one is step 0, extrapolated from the two others, since the error of masters without
@@ -53,26 +60,29 @@ def verified(
     Raises: OrchestratorError if no mode can be excited or none is found; StepError if a run fails.
     """
     overrides = tuple(overrides)
-    if linear.chosen:
+    if linear.start is None:
+        what = "it is linear around a later point of the run, which no run starts from"
+        raise ConfigError([Problem("--verify", what, "", "Leave out --at-time, or use --trim.")])
+    if linear.chosen and hold is None:
         what = "it is linear around a point that a measure of the config chose: a run does not stay there"
         remedy = "Compare what the measure adds to the report with a run."
         raise ConfigError([Problem("--verify", what, "", remedy)])
+    runs = _Runs(config, overrides, linear, hold or {})
     modes = linear.modes()
     mode = modes.dominant
     if mode is None:
         raise OrchestratorError("--verify: the system has no root but 0, whose decay could be looked at")
-    prepared = prepare(config, overrides)
+    prepared = runs.prepared()
     step = float(prepared.grid.step_size)
-    name, _ = _changed(config, overrides, prepared, linear, mode)
     poles: list[tuple[float, complex]] = []
     overgrown = False
     sampled: list[dict[str, Any]] = []
     for size in (step, step / 2):
         size, changes = at_step(prepared, size)
         try:
-            made = sampled_system(prepare(config, (*overrides, *changes)), linear, resting_roots(modes))
+            made = sampled_system(runs.prepared(changes), linear, resting_roots(modes))
         except ConfigError:
-            poles.append((size, _pole(config, overrides, prepared, linear, mode, size)))
+            poles.append((size, runs.pole(mode, size)))
             continue
         found = made.modes()
         place = pairs(found, [mode])[0]
@@ -80,11 +90,7 @@ def verified(
         other = found[0] if found and place != 0 else None
         if other is not None and other.root.real > 0.0:  # it outgrows all others
             near, other, overgrown = other, None, True
-        predicted = [
-            (one, _pole(config, overrides, prepared, linear, one, size, made.period))
-            for one in (near, other)
-            if one is not None
-        ]
+        predicted = [(one, runs.pole(one, size, made.period)) for one in (near, other) if one is not None]
         poles.append((size, predicted[0][1]))
         sampled += [
             {
@@ -106,31 +112,93 @@ def verified(
         }
         for size, pole in poles
     ]
-    return {"changed": name, "root": [mode.root.real, mode.root.imag], "steps": steps, "sampled": sampled}
+    return {
+        "changed": runs.changed(mode)[0],
+        "root": [mode.root.real, mode.root.imag],
+        "steps": steps,
+        "sampled": sampled,
+    }
 
 
-def _pole(
-    config: str | Path | Mapping[str, Any],
-    overrides: tuple[str, ...],
-    prepared: Prepared,
-    linear: Linearised,
-    mode: Mode,
-    size: float,
-    period: float | None = None,
-) -> complex:
-    """The pole of a co-simulation with a step that is nearest to a mode's root; samples lie whole periods
-    apart.
-    """
-    root, own = mode.root, round((period or size) / size)
-    spacing = (2 * np.pi / abs(root.imag) if root.imag else 1 / abs(root)) / _DENSITY
-    stride = own * max(1, round(spacing / (own * size)))
-    samples = _SAMPLES
-    if root.real > 0.0:
-        samples = int(np.clip(np.log(_GROWN) / (root.real * size * stride), _FEWEST, _SAMPLES))
-    _, changes = _changed(config, overrides, prepared, linear, mode)
-    common = (*overrides, *at_step(prepared, size, stride * samples)[1])
-    one, other = (_signals(config, (*common, *extra), stride) for extra in ((), changes))
-    return _nearest(one - other, size * stride, root)
+class _Runs:
+    """Co-simulations of a config from the point that its linear system is of, held there."""
+
+    def __init__(
+        self,
+        config: str | Path | Mapping[str, Any],
+        overrides: tuple[str, ...],
+        linear: Linearised,
+        hold: Mapping[str, float],
+    ) -> None:
+        self.config, self.overrides, self.linear, self.hold = config, overrides, linear, hold
+
+    def prepared(self, overrides: Iterable[str] = (), start: Mapping[str, float] | None = None) -> Prepared:
+        """The system with further overrides, and start values of states, FMU's units."""
+        made = self.linear.started(prepare(self.config, (*self.overrides, *overrides)))
+        system = made.system
+        instances = [
+            replace(one, start={**one.start, **_own(one.name, start or {})}) for one in system.instances
+        ]
+        connections = [
+            replace(one, offset=one.offset + self.hold.get(str(one.target), 0.0))
+            for one in system.connections
+        ]
+        return replace(
+            made, system=replace(system, instances=tuple(instances), connections=tuple(connections))
+        )
+
+    def pole(self, mode: Mode, size: float, period: float | None = None) -> complex:
+        """The pole of a co-simulation with a step that is nearest to a mode's root; samples lie whole
+        periods apart.
+        """
+        root, own = mode.root, round((period or size) / size)
+        spacing = (2 * np.pi / abs(root.imag) if root.imag else 1 / abs(root)) / _DENSITY
+        stride = own * max(1, round(spacing / (own * size)))
+        samples = _SAMPLES
+        if root.real > 0.0:
+            samples = int(np.clip(np.log(_GROWN) / (root.real * size * stride), _FEWEST, _SAMPLES))
+        changes = at_step(self.prepared(), size, stride * samples)[1]
+        one, other = (
+            _signals(self.prepared(changes, start), stride) for start in ({}, dict([self.changed(mode)]))
+        )
+        return _nearest(one - other, size * stride, root)
+
+    def changed(self, mode: Mode) -> tuple[str, float]:
+        """The state that takes the largest part in a mode and has a start value, and another value of it."""
+        tried = []
+        for name, _ in mode.participation:
+            instance = next(
+                (one for one in self.prepared().system.instances if name.startswith(f"{one.name}.")), None
+            )
+            if instance is None or name not in self.linear.point:
+                continue
+            variable = instance.variable(name.removeprefix(f"{instance.name}."))
+            value = float(self.linear.point[name])
+            value += _CHANGE * (abs(value) or float(variable.nominal or 1.0))
+            try:
+                prepare(self.config, (*self.overrides, f"{name}={value!r} {variable.unit or ''}".rstrip()))
+            except ConfigError:
+                tried.append(name)
+                continue
+            return name, value
+        raise ConfigError(
+            [
+                Problem(
+                    "--verify",
+                    f"no state of the dominant mode has a start value (tried: {listed(tried)})",
+                    "one of them has to be a start value of its FMU",
+                )
+            ]
+        )
+
+
+def _own(instance: str, start: Mapping[str, float]) -> dict[str, float]:
+    """Those start values that are of an instance."""
+    return {
+        name.removeprefix(f"{instance}."): value
+        for name, value in start.items()
+        if name.startswith(f"{instance}.")
+    }
 
 
 def verify_text(report: dict[str, Any]) -> str:
@@ -144,6 +212,10 @@ def verify_text(report: dict[str, Any]) -> str:
             f"  step {1e3 * one['step']:g} ms: {_root(one['found'])} 1/s, predicted with master and step "
             f"{_root(one['predicted'])}: {100 * one['difference']:.2g} % apart"
         )
+    if any(one["difference"] > _UNLIKE for one in report["sampled"]):
+        lines.append(
+            "  the runs do not move as the linear system: what it leaves out acts at its operating point"
+        )
     return "\n".join(lines)
 
 
@@ -151,45 +223,9 @@ def _root(root: Sequence[float]) -> str:
     return f"{root[0]:.6g}" + (f" +-{abs(root[1]):.6g}j" if root[1] else "")
 
 
-def _changed(
-    config: str | Path | Mapping[str, Any],
-    overrides: tuple[str, ...],
-    prepared: Prepared,
-    linear: Linearised,
-    mode: Mode,
-) -> tuple[str, tuple[str, ...]]:
-    """The state that takes the largest part in a mode and has a start value; the change of the config."""
-    tried = []
-    for name, _ in mode.participation:
-        instance = next((one for one in prepared.system.instances if name.startswith(f"{one.name}.")), None)
-        if instance is None or name not in linear.point:
-            continue
-        variable = instance.variable(name.removeprefix(f"{instance.name}."))
-        value = float(linear.point[name])
-        value += _CHANGE * (abs(value) or float(variable.nominal or 1.0))
-        changes = (f"{name}={value!r} {variable.unit or ''}".rstrip(),)
-        try:
-            prepare(config, (*overrides, *changes))
-        except ConfigError:
-            tried.append(name)
-            continue
-        return name, changes
-    raise ConfigError(
-        [
-            Problem(
-                "--verify",
-                f"no state of the dominant mode has a start value (tried: {listed(tried)})",
-                "one of them has to be a start value of its FMU",
-            )
-        ]
-    )
-
-
-def _signals(
-    config: str | Path | Mapping[str, Any], overrides: tuple[str, ...], stride: int
-) -> NDArray[np.float64]:
+def _signals(prepared: Prepared, stride: int) -> NDArray[np.float64]:
     """Recorded signals at every `stride`-th point, shape (samples, signals)."""
-    results = run(config, overrides=overrides, halving=False, figures=False)
+    results = run(prepared, halving=False, figures=False)
     columns = [np.asarray(results[name].values, dtype=float) for name in results.names]
     return np.column_stack([one for one in columns if one.ndim == 1])[::stride]
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import orchestrator as orc
-from orchestrator.base.errors import ConfigError
 from orchestrator.frequency import linearise
 
 
@@ -49,9 +48,3 @@ def test_hidden_states_of_a_foreign_fmu_are_found(tmp_path):
     }
     found = linearise(config).modes().modes[0].root
     assert found + 3.0 * np.exp(-0.2 * found) == pytest.approx(0.0, abs=1e-5)
-
-
-@pytest.mark.parametrize("system", ["docking-1d-smith", "docking-1d-osaki"])
-def test_a_controller_that_samples_is_refused_by_name(system):
-    with pytest.raises(ConfigError, match="controller: it offers no directional derivatives, and it"):
-        linearise(system)

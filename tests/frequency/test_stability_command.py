@@ -55,11 +55,6 @@ def test_an_arm_of_fmus_without_derivatives_is_measured(capsys):
     assert "inverse offers no directional derivatives; its step response was measured: 0 states" in printed
 
 
-def test_a_point_in_contact_is_not_verified_in_free_flight(capsys):
-    assert main(["stability", "docking-1d-uncompensated", "--verify"]) == 2
-    assert "around a point that a measure of the config chose" in capsys.readouterr().err
-
-
 def test_wrong_parameters_are_refused(capsys):
     assert main(["stability", "docking-1d-uncompensated", "--set", "robot.taum=1 ms"]) == 2
     assert "taum" in capsys.readouterr().err
