@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from orchestrator.base.errors import BuildError
 
-from .lexer import Token, tokenise
+from .lexer import Token, closing, tokenise
 
 _CLASS_KEYWORDS = frozenset("class model block connector type package function record".split())
 
@@ -152,7 +152,7 @@ def _classes_of(file: str, tokens: tuple[Token, ...], label: str) -> Iterator[Mo
         depth = 0 if token.text == ";" else max(depth + {"(": 1, ")": -1}.get(token.text, 0), 0)
         following = tokens[position + 1] if position + 1 < len(tokens) else None
         if token.kind == "keyword" and token.text == "annotation" and stack:
-            end = _closing(tokens, position + 1)
+            end = closing(tokens, position + 1) + 1
             stack[-1].annotations.append(tokens[position + 1 : end])
             position = end
             continue
@@ -176,7 +176,7 @@ def _classes_of(file: str, tokens: tuple[Token, ...], label: str) -> Iterator[Mo
                 if after is not None and after.text == "=":
                     end = position
                     while end < len(tokens) and tokens[end].text != ";":
-                        end = _closing(tokens, end) if tokens[end].text == "(" else end + 1
+                        end = closing(tokens, end) + 1 if tokens[end].text == "(" else end + 1
                     item.tokens.extend(tokens[position + 2 : end])
                     yield item
                     position = end
@@ -192,13 +192,3 @@ def _classes_of(file: str, tokens: tuple[Token, ...], label: str) -> Iterator[Mo
         raise BuildError(
             f"{label}{file}:{stack[-1].line}: {stack[-1].kind} {stack[-1].name} is not closed by its `end`"
         )
-
-
-def _closing(tokens: tuple[Token, ...], position: int) -> int:
-    """Index after the parenthesis that closes the one at `position`."""
-    depth = 0
-    for index in range(position, len(tokens)):
-        depth += {"(": 1, ")": -1}.get(tokens[index].text, 0)
-        if depth == 0:
-            return index + 1
-    return len(tokens)

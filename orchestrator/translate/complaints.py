@@ -145,6 +145,10 @@ def _branches(s: _Sources, found: re.Match[str]) -> tuple[Location, str]:
     return s.find("if", *condition), what
 
 
+_INSTEAD = {
+    "spatialDistribution": "; use delay() if the velocity is constant, else divide the length into volumes",
+    "getInstanceName": "; give the name as a String parameter",
+}
 _RULES: tuple[Rule, ...] = (
     (r"unresolved component reference: '([^']+)'", _unknown),
     (r"unresolved function call: '([^']+)'", _unknown_function),
@@ -205,8 +209,16 @@ _RULES: tuple[Rule, ...] = (
         r"expandable connector connection between `([^`]+)` and `([^`]+)`",
         lambda s, m: (
             s.name(m[1]),
-            f"`{m[1]}` is a member of an expandable connector that only this connection declares, which is "
-            "not supported; declare the members of an expandable connector in it",
+            f"of `{m[1]}` and `{m[2]}` one is a member of an expandable connector that only this connection "
+            "declares, which is not supported; declare the members of an expandable connector in it",
+        ),
+    ),
+    (
+        r"redeclaration error for `([^`]+)`: selected redeclare class has no such member",
+        lambda s, m: (
+            s.find(".", m[1]),
+            f"`{m[1]}` is declared by no class that its connector or component has; if the connector is "
+            "expandable, declare its members in it: those that only connections declare are not supported",
         ),
     ),
     (
@@ -222,7 +234,7 @@ _RULES: tuple[Rule, ...] = (
     ),
     (
         r"unresolved Flat reference `(\w+)`",
-        lambda s, m: (s.find(m[1]), f"{m[1]}() is not supported"),
+        lambda s, m: (s.find(m[1]), f"{m[1]}() is not supported{_INSTEAD.get(m[1], '')}"),
     ),
     (
         r"expression shape mismatch",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -88,3 +88,14 @@ def _tokens(text: str, file: str) -> Iterator[Token]:
             yield Token(kind or "", match[0], position, line)
         line += match[0].count("\n")
         position = match.end()
+
+
+def closing(tokens: Sequence[Token], position: int) -> int:
+    """Index of the token that closes the bracket at `position`; of the last token if none does."""
+    depth = 0
+    for index in range(position, len(tokens)):
+        if tokens[index].kind == "sign":
+            depth += (tokens[index].text in OPENING) - (tokens[index].text in CLOSING)
+        if not depth:
+            return index
+    return len(tokens) - 1

@@ -13,7 +13,7 @@ from itertools import pairwise
 from orchestrator.base.digests import digest_of
 
 from ..classes import within_clause
-from ..lexer import Token, tokenise
+from ..lexer import Token, closing, tokenise
 
 Sections = dict[str, "Section"]
 Objects = Mapping[str, Sequence[tuple[str, str, str]]]
@@ -175,7 +175,7 @@ def _classes(tokens: Sequence[Token]) -> list[_Class]:
             continue
         body = at + 1
         if tokens[body].text == "(":
-            body = _closing(tokens, body) + 1
+            body = closing(tokens, body) + 1
         while tokens[body].kind == "string" or tokens[body].text == "+":
             body += 1
         made = _Class(tokens[at].text, token.text, place, body)
@@ -198,19 +198,9 @@ def _own(one: _Class) -> Iterator[int]:
         place = inner.end + 2 if inner else one.end
 
 
-def _closing(tokens: Sequence[Token], place: int) -> int:
-    """Index of what closes the bracket at `place`."""
-    depth = 0
-    for at in range(place, len(tokens)):
-        depth += (tokens[at].text in "([{") - (tokens[at].text in ")]}") if tokens[at].kind == "sign" else 0
-        if not depth:
-            return at
-    return len(tokens) - 1
-
-
 def _arguments(tokens: Sequence[Token], opening: int) -> list[tuple[int, int]]:
     """First and last token of each argument of a call."""
-    end, found, begin, place = _closing(tokens, opening), [], opening + 1, opening + 1
+    end, found, begin, place = closing(tokens, opening), [], opening + 1, opening + 1
     while place <= end:
         text = tokens[place].text
         if place == end or text == ",":
@@ -218,7 +208,7 @@ def _arguments(tokens: Sequence[Token], opening: int) -> list[tuple[int, int]]:
                 found.append((begin, place - 1))
             begin = place + 1
         elif tokens[place].kind == "sign" and text in "([{":
-            place = _closing(tokens, place)
+            place = closing(tokens, place)
         place += 1
     return found
 
@@ -249,7 +239,7 @@ def _derivatives(text: str, tokens: Sequence[Token], classes: list[_Class]) -> I
                 loops += -1 if before.text == "end" else 1
             if token.text != "der" or tokens[place + 1].text != "(" or section is None or loops:
                 continue
-            last = _closing(tokens, place + 1)
+            last = closing(tokens, place + 1)
             inside = tokens[place + 2 : last]
             if kind == "algorithm" or _is_reference(inside):
                 continue
@@ -310,7 +300,7 @@ def _objects(text: str, tokens: Sequence[Token], classes: list[_Class], names: O
             continue
         while tokens[opening].text != "(":
             opening += 1
-        closing = _closing(tokens, opening)
+        last = closing(tokens, opening)
         start = first
         while tokens[start - 1].text in ("final", "parameter", "constant"):
             start -= 1
@@ -323,8 +313,8 @@ def _objects(text: str, tokens: Sequence[Token], classes: list[_Class], names: O
             value = _slice(text, tokens, a, b)
             if kind != "String":
                 lines.append(f"final parameter {kind} {MARK}{name.text}_{label}{size} = {value}")
-        old = _slice(text, tokens, start, closing)
-        yield _Edit(tokens[start].start, _end_of(tokens[closing]), _lines_kept(old, "; ".join(lines)))
+        old = _slice(text, tokens, start, last)
+        yield _Edit(tokens[start].start, _end_of(tokens[last]), _lines_kept(old, "; ".join(lines)))
 
 
 def _lines_kept(old: str, new: str) -> str:
@@ -353,7 +343,7 @@ def _functions(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Ite
         while tokens[place].text != "algorithm":
             begin = place
             while tokens[place].text != ";" and place in own:
-                place = _closing(tokens, place) if tokens[place].text in ("(", "[", "{") else place
+                place = closing(tokens, place) if tokens[place].text in ("(", "[", "{") else place
                 place += 1
             word = tokens[begin].text
             if word in kept:
@@ -404,10 +394,10 @@ def _names(tokens: Sequence[Token], begin: int, end: int) -> list[str]:
     while tokens[place].text == ".":
         place += 2
     if tokens[place].text == "[":
-        place = _closing(tokens, place) + 1
+        place = closing(tokens, place) + 1
     found = [tokens[place].text]
     while place < end:
-        place = _closing(tokens, place) if tokens[place].text in ("(", "[", "{") else place
+        place = closing(tokens, place) if tokens[place].text in ("(", "[", "{") else place
         if tokens[place].text == ",":
             found.append(tokens[place + 1].text)
         place += 1
@@ -476,7 +466,7 @@ def _annotated(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Ite
                 continue
             last = place + 1
             while tokens[last].text not in (",", ")"):
-                last = (_closing(tokens, last) if tokens[last].text == "(" else last) + 1
+                last = (closing(tokens, last) if tokens[last].text == "(" else last) + 1
             first = tokens[place].start
             if tokens[last].text == ",":
                 yield _Edit(first, _end_of(tokens[last]), "")
@@ -559,7 +549,7 @@ def _related(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Itera
                 continue
             at += 1
             while tokens[at].text in ("(", "["):
-                at = _closing(tokens, at) + 1
+                at = closing(tokens, at) + 1
             if tokens[at].text != "constrainedby":
                 end = _end_of(tokens[at - 1])
                 yield _Edit(end, end, f" constrainedby .{ANY}")

@@ -715,3 +715,64 @@ end P;
 """, model="P.M")  # fmt: skip
     found = run(fmu, 1.0, 0.5, "one.x", "other.x")
     assert found["other.x"] == pytest.approx(np.exp(-2 * found["time"]), abs=1e-8)
+
+
+def test_annotations_of_functions_and_mod_within_them(tmp_path):
+    fmu = made(tmp_path, """
+package P
+  function f
+    input Real x;
+    input Real k;
+    output Real y;
+  algorithm
+    y := k*x^2;
+    annotation(derivative(noDerivative=k) = df, inverse(x = g(y, k)), Inline=true);
+  end f;
+  function df
+    input Real x;
+    input Real k;
+    input Real dx;
+    output Real dy;
+  algorithm
+    dy := 2*k*x*dx;
+  end df;
+  function g
+    input Real y;
+    input Real k;
+    output Real x;
+  algorithm
+    x := sqrt(y/k);
+  end g;
+  function wrapped
+    input Real angle;
+    output Real y;
+  algorithm
+    y := mod(angle, 2*2);
+    y := if y > 2 then y - 2*2 else y;
+  end wrapped;
+  model M
+    parameter Real k = 2;
+    Real s, v, a, w;
+    Real m(start=1, fixed=true), h;
+    Boolean late(start=false, fixed=true);
+  equation
+    s = f(1 + time, k);
+    v = der(s);
+    a = der(v);
+    w = wrapped(10*time + 1);
+    der(m) = -1;
+    h = semiLinear(m, 2.0, 3.0);
+    when time > 0.5 then
+      late = true;
+    end when;
+  end M;
+end P;
+""", model="P.M")  # fmt: skip
+    found = run(fmu, 2.0, 0.13, "s", "v", "a", "w", "h")
+    time = found["time"]
+    assert found["s"] == pytest.approx(2 * (1 + time) ** 2)
+    assert found["v"] == pytest.approx(4 * (1 + time))
+    assert found["a"] == pytest.approx(4)
+    angle = np.mod(10 * time + 1, 4)
+    assert found["w"] == pytest.approx(np.where(angle > 2, angle - 4, angle))
+    assert found["h"] == pytest.approx(np.where(time < 1, 2 * (1 - time), 3 * (1 - time)), abs=1e-9)
