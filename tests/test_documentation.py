@@ -121,7 +121,7 @@ def test_the_site_builds_without_a_warning(tmp_path):
         assert content in page
         sources = re.findall(r'(?:src|href)="(https?://[^"]+)"', page)
         assert [one for one in sources if "squidfunk" not in one] == []
-    for name in ("diagnosis", "frequency", "masters", "ports", "fmus/PointContact"):
+    for name in ("diagnosis", "frequency", "masters", "diagnosis-any-system", "fmus/PointContact"):
         page = (tmp_path / "site" / name / "index.html").read_text(encoding="utf-8")
         shown = re.findall(r'class="arithmatex">(.*?)</(?:span|div)>', page, re.S)
         assert shown and all(one.startswith("<math ") for one in shown)

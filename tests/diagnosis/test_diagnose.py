@@ -131,7 +131,9 @@ def test_logs_have_checksums_wherever_they_stand(study, tmp_path):
 def test_every_effect_is_told_in_words():
     told = {in_words(one) for one in catalogue().values()}
     assert len(told) == len(catalogue()) and not told & {one.equation for one in catalogue().values()}
-    assert in_words(replace(HERTZ, equation="F = k x^p, another's law.")) == "F = k x^p, another's law"
+    assert (
+        in_words(replace(HERTZ, words="", equation="F = k x^p, another's law.")) == "F = k x^p, another's law"
+    )
 
 
 def test_the_page_stands_alone_and_tells_all(study, tmp_path):

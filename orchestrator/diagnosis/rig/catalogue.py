@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from functools import lru_cache
 from importlib import import_module
@@ -32,8 +31,7 @@ def catalogue() -> dict[str, Effect]:
     found: dict[str, Effect] = {}
     problems: list[Problem] = []
     for path in sorted((Path(__file__).parent / "effects").glob("[!_]*.py")):
-        effect = import_module(f".effects.{path.stem}", __package__).EFFECT
-        found[effect.id] = effect
+        found |= {one.id: one for one in import_module(f".effects.{path.stem}", __package__).EFFECTS}
     for place, effect in installed(ENTRY_POINTS, Effect, problems):
         if effect.id in found:
             problems.append(Problem(place, f"effect {effect.id} exists already", "an id of its own"))
@@ -50,11 +48,8 @@ def of_hardware() -> list[Effect]:
 
 
 def in_words(effect: Effect) -> str:
-    """Description of an effect without a full stop: first line of its file, or else its equation."""
-    name = effect.id.replace(".", "_").replace("-", "_")
-    module = sys.modules.get(f"{__package__}.effects.{name}")
-    described = module.__doc__ if module is not None and module.EFFECT is effect else None
-    return (described or effect.equation).splitlines()[0].removesuffix(".")
+    """Description of an effect without a full stop: its words, or else the first line of its equation."""
+    return (effect.words or effect.equation).splitlines()[0].removesuffix(".")
 
 
 def installed(group: str, kind: type[_Kind], problems: list[Problem]) -> Iterator[tuple[str, _Kind]]:

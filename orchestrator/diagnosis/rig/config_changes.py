@@ -1,6 +1,6 @@
 """Changes of the config docking-lab that represent an effect.
 
-An effect's file defines them beside the law, as a function of the effect's parameters and of the rig's
+An effect defines them beside its law, as a function of the effect's parameters and of the rig's
 numbers.
 """
 

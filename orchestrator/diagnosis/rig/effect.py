@@ -173,6 +173,7 @@ class Effect:
 
     Attributes:
         id: place and name, as in `contact.hertz`.
+        words: what it is, without a full stop; of an effect that has none, its equation says it.
         equation: the law in plain text.
         source: where it stands in the literature.
         parameters: see `Parameter`.
@@ -195,6 +196,7 @@ class Effect:
     statistic: str = ""
     written: Writes | None = None
     propose: Callable[[Seen], Sequence[tuple[float, ...]]] | None = None
+    words: str = ""
 
     def __post_init__(self) -> None:
         if (self.site is None) != (self.apply is None):

@@ -37,7 +37,9 @@ def body_force(step, value, context, memory, share, frequency, damping_ratio):
     return (value - share * context[_MASS] * pull) / (1.0 - share)
 
 
-def hanging(name: str, source: str, law: Any, damping_ratio: float, starts: Sequence[float]) -> Effect:
+def hanging(
+    name: str, words: str, source: str, law: Any, damping_ratio: float, starts: Sequence[float]
+) -> Effect:
     """The effect of a hanging mass.
 
     Args:
@@ -46,6 +48,7 @@ def hanging(name: str, source: str, law: Any, damping_ratio: float, starts: Sequ
     """
     return Effect(
         id=name,
+        words=words,
         equation="m_a (q'' + 2 z w q' + w^2 q) = -m_a x'', (m - m_a) x'' = F - m_a (x'' + q''), "
         f"z = {damping_ratio:g}",
         source=source,

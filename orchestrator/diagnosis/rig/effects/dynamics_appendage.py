@@ -15,4 +15,13 @@ def _law(time, step, value, context, memory, theta):
     return body_force(step, value, context, memory, theta[0], theta[1], _DAMPING)
 
 
-EFFECT = hanging("dynamics.appendage", "Hughes: Spacecraft Attitude Dynamics, ch. 3", _law, _DAMPING, _STARTS)
+EFFECTS = (
+    hanging(
+        "dynamics.appendage",
+        "A flexible appendage",
+        "Hughes: Spacecraft Attitude Dynamics, ch. 3",
+        _law,
+        _DAMPING,
+        _STARTS,
+    ),
+)

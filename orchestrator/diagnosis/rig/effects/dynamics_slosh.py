@@ -14,4 +14,6 @@ def _law(time, step, value, context, memory, theta):
     return body_force(step, value, context, memory, theta[0], theta[1], _DAMPING)
 
 
-EFFECT = hanging("dynamics.slosh", "Abramson: NASA SP-106, ch. 6", _law, _DAMPING, _STARTS)
+EFFECTS = (
+    hanging("dynamics.slosh", "A sloshing mass", "Abramson: NASA SP-106, ch. 6", _law, _DAMPING, _STARTS),
+)

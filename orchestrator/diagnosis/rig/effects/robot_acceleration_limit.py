@@ -58,13 +58,18 @@ def _acceleration(position: NDArray[np.float64], tick: float) -> NDArray[np.floa
     return savgol_filter(position, _TICKS, 2, deriv=2, delta=tick)
 
 
-EFFECT = Effect(
-    id="robot.acceleration-limit",
-    equation="|x''| <= A",
-    source="Slotine, Li: Applied Nonlinear Control, ch. 5",
-    parameters=(Parameter("limit", "m/s2", 1.0, low=0.01, high=1000.0, starts=(0.1, 0.3, 0.8), shape=True),),
-    site=Site.LIMIT,
-    apply=_law,
-    written=lambda t, rig: start("robot", acceleration_limit=(t["limit"], "m/s2")),
-    propose=_propose,
+EFFECTS = (
+    Effect(
+        id="robot.acceleration-limit",
+        words="The servo has a highest acceleration",
+        equation="|x''| <= A",
+        source="Slotine, Li: Applied Nonlinear Control, ch. 5",
+        parameters=(
+            Parameter("limit", "m/s2", 1.0, low=0.01, high=1000.0, starts=(0.1, 0.3, 0.8), shape=True),
+        ),
+        site=Site.LIMIT,
+        apply=_law,
+        written=lambda t, rig: start("robot", acceleration_limit=(t["limit"], "m/s2")),
+        propose=_propose,
+    ),
 )

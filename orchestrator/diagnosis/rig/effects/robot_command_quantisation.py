@@ -127,16 +127,19 @@ def _written(theta: Mapping[str, float], rig: Mapping[str, float]) -> ConfigChan
     return merged([before, rounded, after])
 
 
-EFFECT = Effect(
-    id="robot.command-quantisation",
-    equation="c = q (round(command/q - p) + p)",
-    source="Widrow, Kollar: Quantization Noise, 2008",
-    parameters=(
-        Parameter("step", "m", 1.0, low=_LOW, high=_HIGH, starts=(2e-5,), shape=True, jagged=True),
-        Parameter("phase", "1", 0.1, low=-0.5, high=0.5, starts=(0.0,), jagged=True),
+EFFECTS = (
+    Effect(
+        id="robot.command-quantisation",
+        words="The robot rounds its commands to a step",
+        equation="c = q (round(command/q - p) + p)",
+        source="Widrow, Kollar: Quantization Noise, 2008",
+        parameters=(
+            Parameter("step", "m", 1.0, low=_LOW, high=_HIGH, starts=(2e-5,), shape=True, jagged=True),
+            Parameter("phase", "1", 0.1, low=-0.5, high=0.5, starts=(0.0,), jagged=True),
+        ),
+        site=Site.COMMAND,
+        apply=_law,
+        written=_written,
+        propose=propose,
     ),
-    site=Site.COMMAND,
-    apply=_law,
-    written=_written,
-    propose=propose,
 )

@@ -43,13 +43,16 @@ def _speed(position: NDArray[np.float64], tick: float) -> NDArray[np.float64]:
     return savgol_filter(position, _TICKS, 2, deriv=1, delta=tick)
 
 
-EFFECT = Effect(
-    id="robot.rate-limit",
-    equation="|x'| <= V",
-    source="Slotine, Li: Applied Nonlinear Control, ch. 5",
-    parameters=(Parameter("limit", "m/s", 1.0, low=0.001, high=10.0, starts=(0.015, 0.022), shape=True),),
-    site=Site.RATE,
-    apply=_law,
-    written=lambda t, rig: start("robot", rate_limit=(t["limit"], "m/s")),
-    propose=_propose,
+EFFECTS = (
+    Effect(
+        id="robot.rate-limit",
+        words="The servo has a highest speed",
+        equation="|x'| <= V",
+        source="Slotine, Li: Applied Nonlinear Control, ch. 5",
+        parameters=(Parameter("limit", "m/s", 1.0, low=0.001, high=10.0, starts=(0.015, 0.022), shape=True),),
+        site=Site.RATE,
+        apply=_law,
+        written=lambda t, rig: start("robot", rate_limit=(t["limit"], "m/s")),
+        propose=_propose,
+    ),
 )
