@@ -19,7 +19,6 @@ from .arguments import check_yaml, one_matrix_thread
 
 __all__ = ["add_arguments", "main"]
 
-_EITHER = "CONFIG or --random SEED"
 _DESCRIPTION = """Check diagnosis blind. `challenge CONFIG` and `challenge --random SEED` hide laws in a copy
 of a system that an independent solver integrates, search its logs as `diagnose` does, and
 score the verdicts. `make`, `run` and `score` do so for effects of a docking rig, with a sealed truth.

@@ -41,10 +41,6 @@ class Gaps:
         keys = (one[-1] for one in self.paths if len(one) == len(path) + 1 and one[:-1] == path)
         return frozenset(str(key) for key in keys if key != FURTHER)
 
-    def and_at(self, paths: Iterable[Path]) -> Gaps:
-        """These and further ones."""
-        return Gaps(self.paths.union(paths))
-
 
 @dataclass(frozen=True)
 class Absent:

@@ -55,17 +55,14 @@ _RANDOM = "which of their commands were lost or late is not known"
 _LIMITED = "they reach a limit that the train runs do not, or hardly do; give one of them the role train"
 
 
-def weigh_rig(
-    study: Study, without: Sequence[str] = (), rough: Mapping[str, Sequence[float]] | None = None
-) -> Group:
+def weigh_rig(study: Study, rough: Mapping[str, Sequence[float]] | None = None) -> Group:
     """Weigh the effects of link, robot, structure, contact and sensor.
 
     Args:
-        without: ids of effects to leave out of the catalogue.
         rough: roughness of every rig, see `Calibration.roughness`; what comes with the product by default.
     """
     rough = calibration().roughness if rough is None else rough
-    return _weigh(RigModel(study, study.of(Role.TRAIN)), frozenset(without), rough)
+    return _weigh(RigModel(study, study.of(Role.TRAIN)), frozenset(), rough)
 
 
 class _Sensor(NamedTuple):

@@ -153,7 +153,6 @@ def search(
     longest: int = _LONGEST,
     workers: int = 2,
     thorough: bool = False,
-    enough: Callable[[Fit], bool] = lambda fit: False,
 ) -> Search:
     """Fit none, the most promising single effects, and combinations built from the best of them.
 
@@ -163,7 +162,6 @@ def search(
         longest: how many effects a combination may have.
         workers: threads; more than one pay where replays do not wait for each other.
         thorough: whether each effect of the best combination is tried to be exchanged for others.
-        enough: whether a fit leaves nothing to find; no further effect is sought beside it.
     """
     count = len(fitter.replay.tolerances)
     start = np.concatenate([fitter.starts(one)[0] for one in always]) if always else None
@@ -175,7 +173,7 @@ def search(
     for size in range(2, longest + 1):
         level = sorted(level, key=lambda fit: -fit.log_evidence)[:2]
         promising = _PROMISING if size == 2 else _PROMISING_MORE
-        if not level or level[0].cost > none.cost - promising or enough(level[0]):
+        if not level or level[0].cost > none.cost - promising:
             break
         before = level[0]
         bases = each(lambda fit: fitter.base(fit.effects, fit.z), level, workers)

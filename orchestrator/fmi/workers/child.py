@@ -83,11 +83,6 @@ class Child:
         """Whether it takes tasks."""
         return not self._ended and self._process.poll() is None
 
-    @property
-    def process_id(self) -> int:
-        """Of the process."""
-        return self._process.pid
-
     def do(self, task: Any) -> Attempt:
         """Do a task. After a crash or an expired time limit the process is gone."""
         with suppress(OSError):

@@ -1,5 +1,5 @@
 """The communication loop without the interpreter, for compiled FMUs under masters of a fixed schedule."""
 
-from .choice import LOOPS, choose_loop, schedule
+from .choice import choose_loop, schedule
 
-__all__ = ["LOOPS", "choose_loop", "schedule"]
+__all__ = ["choose_loop", "schedule"]

@@ -14,9 +14,8 @@ from ...master.gauss_seidel import GaussSeidel
 from ...master.jacobi import Jacobi
 from ...master.running_instances import Instances
 
-__all__ = ["LOOPS", "Schedule", "choose_loop", "kernel_of", "schedule"]
+__all__ = ["Schedule", "choose_loop", "kernel_of", "schedule"]
 
-LOOPS = ("auto", "python", "native")
 
 # What the interpreter costs per step and per instance of a step beyond the native loop [s];
 # python -m tests.benchmarks.step_cost prints the whole costs.
