@@ -195,7 +195,7 @@ class _Checker:
         from .complaints import UNBALANCED, CompilerRefusal
         from .flat_units import unit_faults
         from .hybrid.build import counted, read, understood
-        from .hybrid.front_end import adapts, flat_form, library_paths
+        from .hybrid.front_end import adapts, flat_form, library_paths, needed_rewrites
         from .hybrid.structure import solve_order
 
         folders = library_paths(self._libraries)
@@ -208,6 +208,15 @@ class _Checker:
             flat, spans = flat_form(tree, name, folders, partial=not whole)
             yield "units", "\n".join(unit_faults(flat, place))
         except CompilerRefusal as refusal:
+            if needed_rewrites(str(refusal)):  # the translation carries out what the compiler does not take
+                try:
+                    with understood(name):
+                        solve_order(read(tree, name, folders, partial=not whole))
+                except BuildError as error:
+                    yield "model", str(error)
+                    return
+                self._unchecked.append("units, beside algorithm sections that the compiler does not take")
+                return
             if UNBALANCED not in str(refusal):
                 yield "model", str(refusal)
                 return

@@ -268,3 +268,14 @@ end M;
     report = build(source, tmp_path / "M.fmu", platforms=(this_platform(),))
     assert any("terminal()" in one for one in report.notes)
     assert run(tmp_path / "M.fmu", 1.0, 0.5, "x", "last")["last"].tolist() == [0, 0, 0]
+
+
+def test_the_check_of_a_model_takes_what_the_build_takes(tmp_path):
+    from orchestrator.translate.check import check_model
+
+    source = tmp_path / "M.mo"
+    text = "model M\n  Real y[2];\nalgorithm\n  for i in 1:2 loop\n    y[i] := i*time;\n  end for;\nend M;\n"
+    source.write_text(text)
+    assert not check_model(source).findings
+    source.write_text(text.replace("Real y[2];", "Real y[2], z;"))
+    assert "z" in check_model(source).findings[0].fault.what

@@ -118,3 +118,13 @@ def test_delays_that_cannot_be(tmp_path):
     with pytest.raises(Exception, match="ExitInitializationMode"):
         run(fmu, 1.0, 0.1, "x")
     assert run(fmu, 0.2, 0.1, "x", start_values={"T": 1.0})["x"][-1] == pytest.approx(0.8)
+
+
+def test_a_delay_is_shown_as_the_model_writes_it(tmp_path):
+    from orchestrator.translate.show import show_model
+
+    source = tmp_path / "M.mo"
+    source.write_text(
+        f"model M\nReal x(start=1, fixed=true), y;\n{EVENT}der(x) = -x;\ny = delay(x, 0.5);\nend M;\n"
+    )
+    assert "y = delay(x, 0.5)" in show_model(source, "blocks")
