@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -116,6 +116,11 @@ class SampledSystem:
         return whole
 
     @cached_property
+    def _eigenvalues(self) -> Complex:
+        """All of them, of a small system."""
+        return np.linalg.eigvals(self.matrix).astype(np.complex128)
+
+    @cached_property
     def unstable(self) -> int:
         """How many eigenvalues lie outside the unit circle, those `resting` left out.
 
@@ -123,7 +128,7 @@ class SampledSystem:
         Raises: OrchestratorError if one lies on this circle.
         """
         if self.size <= _DENSE:
-            return int(np.sum(np.abs(self._moving(np.linalg.eigvals(self.matrix))) > 1.0 + 1e-10))
+            return int(np.sum(np.abs(self._moving(self._eigenvalues)) > 1.0 + 1e-10))
         angle = np.concatenate([[0.0], np.geomspace(1e-9, np.pi, 500)])
         sign = self._signs(_RADIUS * np.exp(1j * angle))
         while True:
@@ -166,7 +171,7 @@ class SampledSystem:
 
         Returns: roots log(z)/period [1/s]; the residual is that of the eigenvector, relative to the matrix.
         """
-        z = np.linalg.eigvals(self.matrix) if self.size <= _DENSE else self._searched()
+        z = self._eigenvalues if self.size <= _DENSE else self._searched()
         wanted = self._moving(z[z.imag >= 0.0])
         return tuple(self._mode(complex(one)) for one in wanted[abs(wanted) > _GONE][:count])
 
@@ -237,8 +242,7 @@ class Part:
     def __init__(self, space: StateSpace, late: Mapping[str, LateInput], step: float, order: int) -> None:
         self.space, self.step, self.order = space, step, order
         n = len(space.states)
-        self.transition = scipy.linalg.expm(space.a * step) if n else np.zeros((0, 0))
-        self.fed = _integrals(space.a, space.b, step)
+        self.transition, *self.fed = _over(space.a, space.b, step)
         self.late = []
         self.size = n
         for index, name in enumerate(space.inputs):
@@ -336,13 +340,26 @@ def _ahead(course: Sequence[Array] | Array, time: float) -> list[Array]:
 
 def _integrals(a: Array, b: Array, time: float) -> list[Array]:
     """Integrals of exp(A (time - t)) B t^k/k! from 0 to `time`, for k = 0, 1, 2; each of B's shape."""
-    n, m = b.shape
+    return _over(a, b, time)[1:]
+
+
+def _over(a: Array, b: Array, time: float) -> list[Array]:
+    """exp(A time), and the integrals of exp(A (time - t)) B t^k/k! from 0 to `time`, for k = 0, 1, 2."""
+    return list(_over_known(a.tobytes(), b.tobytes(), b.shape, time))
+
+
+@lru_cache(maxsize=4096)
+def _over_known(a: bytes, b: bytes, shape: tuple[int, int], time: float) -> tuple[Array, ...]:
+    # Charts and searches of a step ask for the same instances again and again.
+    n, m = shape
+    if not n:
+        return np.zeros((0, 0)), *(np.zeros(shape) for _ in range(3))
     whole = np.zeros((n + 3 * m, n + 3 * m))
-    whole[:n, :n], whole[:n, n : n + m] = a, b
+    whole[:n, :n], whole[:n, n : n + m] = np.frombuffer(a).reshape(n, n), np.frombuffer(b).reshape(shape)
     for k in range(2):
         whole[n + k * m : n + (k + 1) * m, n + (k + 1) * m : n + (k + 2) * m] = np.eye(m)
-    made = scipy.linalg.expm(whole * time) if whole.size else whole
-    return [made[:n, n + k * m : n + (k + 1) * m] for k in range(3)]
+    made = scipy.linalg.expm(whole * time)
+    return made[:n, :n], *(made[:n, n + k * m : n + (k + 1) * m] for k in range(3))
 
 
 @dataclass(frozen=True)
