@@ -82,12 +82,12 @@ class Inserted:
 
 @njit()
 def past_of(acts, steps):
-    """Room for the signals that laws delay over so many steps, and for the present; see `_delayed`.
+    """Memory of laws: signals that they delay over so many steps, the present (see `_delayed`), one call.
 
-    Without steps none is kept: filters and derivatives take the states of such laws.
+    Without steps no signal is kept: filters and derivatives take the states of such laws.
     """
     kept = steps + 1 if steps > 0 and np.any(acts[:, _DELAY]) else 0
-    return np.zeros((len(acts), kept, 3)), np.zeros(4)
+    return np.zeros((len(acts), kept, 3)), np.zeros(4), np.zeros((2, 8))
 
 
 @njit()
@@ -131,10 +131,11 @@ def _delayed(past, now, time, signal):
 
 
 @njit()
-def _acting(act, x, u, y, t, w, signals, theta, hidden, extra, s, out, past, now):
+def _acting(act, x, u, y, t, w, signals, theta, hidden, extra, past, now, call):
     """What one row of `acts` adds at its place; writes the derivatives of its law's states."""
     total = w if act[_HAS_W] else 0.0
     if act[_LAW] != 0:
+        s, out = call
         nx, nu = len(x), len(u)
         for k in range(act[_COUNT]):
             j = signals[act[_SIGNAL] + k]
@@ -152,7 +153,7 @@ def _acting(act, x, u, y, t, w, signals, theta, hidden, extra, s, out, past, now
 
 
 @njit()
-def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, rate, extra, past, now):
+def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, rate, extra, past, now, call):
     """Derivatives and outputs at one point.
 
     Args:
@@ -160,10 +161,9 @@ def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, 
         acts: what acts where, shape (n, 12), see `acts_of`. w: the unknown input.
         signals: which of [x, u, y] the laws read. theta, hidden: their numbers and their states.
         u, y, rate: written, inputs, outputs and derivatives. extra: written, derivatives of `hidden`.
-        past, now: of signals that laws delay, shape (acts, steps + 1, 3), or (acts, 0, 3); see `_delayed`.
+        past, now, call: memory of laws; see `past_of`.
     """
     first, source, gain, constant, u_ext, y_ext, schedule = wiring
-    s, out = np.empty(8), np.zeros(8)
     for turn in range(len(schedule)):
         c = schedule[turn]
         row = rows[c]
@@ -178,7 +178,7 @@ def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, 
         for a in range(len(acts)):
             if acts[a, _COMPONENT] == c and acts[a, _KIND] == 1:
                 u[acts[a, _INDEX]] += _acting(
-                    acts[a], x, u, y, t, w, signals, theta, hidden, extra, s, out, past[a], now
+                    acts[a], x, u, y, t, w, signals, theta, hidden, extra, past[a], now, call
                 )  # fmt: skip
         at = row[_SET_VALUES]
         for i in range(row[_NX]):
@@ -210,7 +210,7 @@ def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, 
         for a in range(len(acts)):
             if acts[a, _COMPONENT] == c and acts[a, _KIND] > 1:
                 added = _acting(
-                    acts[a], x, u, y, t, w, signals, theta, hidden, extra, s, out, past[a], now
+                    acts[a], x, u, y, t, w, signals, theta, hidden, extra, past[a], now, call
                 )  # fmt: skip
                 if acts[a, _KIND] == 2:
                     rate[acts[a, _INDEX]] += added

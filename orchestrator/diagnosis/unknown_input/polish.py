@@ -92,6 +92,25 @@ class Replays:
         numbers = np.abs(constants[len(self.model.nominal) :])
         return np.concatenate([np.maximum(self.model.tolerance, 1e-12), np.where(numbers > 0, numbers, 1e-9)])
 
+    def bounds(self, residual: Array, constants: Array) -> tuple[float, Array, Array]:
+        """How a fit weighs residuals against tolerances.
+
+        What is missing is no white noise: the residual's size and its length in time weigh logs against
+        tolerances.
+
+        Returns: factor of the residuals; derivatives of the deviations of parameters and start states by all
+            that is fitted, over their sizes; these deviations.
+        """
+        weight = 1.0 / np.sqrt(max(1.0, float(np.mean(residual**2)) * _length(residual)))
+        parameters, count = len(self.model.nominal), len(constants)
+        size = self.sizes(constants)[:parameters]
+        away = [(constants[:parameters] - self.model.nominal) / size]
+        away += [(own - one[3]) / self.scale for own, one in zip(self.starts, self.runs.data, strict=True)]
+        deviations = np.concatenate(away)
+        width = count + len(deviations) - parameters
+        bounded = np.r_[np.arange(parameters), np.arange(count, width)]
+        return weight, np.eye(width)[bounded], deviations
+
     def sensitivity(
         self, constants: Array, starts: Sequence[Array] | None = None, sizes: Array | None = None,
         fixed: bool = False, exact: bool = False,

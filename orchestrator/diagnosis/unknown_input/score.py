@@ -78,9 +78,12 @@ def scored(
     """
     replays = Replays(runs, laws, SAMPLES, starts)
     residual, own = replays.residual(constants), replays.sensitivity(constants)
-    size = np.linalg.norm(own, axis=0)
-    basis, _ = np.linalg.qr(own[:, size > 0.0] / size[size > 0.0])
-    left = residual - basis @ (basis.T @ residual)
+    free = _basis(own)
+    # Parameters and start states explain what they can within their tolerances, as in a fit.
+    weight, prior, away = replays.bounds(residual, constants)
+    basis = _basis(np.vstack([weight * own, prior]))
+    left = np.r_[weight * residual, away]
+    left -= basis @ (basis.T @ left)
     whole = float(left @ left)
     found: list[tuple[Candidate, Array]] = []
     for place in places:
@@ -102,11 +105,14 @@ def scored(
                 # A law that is tried late is tried again with the amplitude that this gives.
                 for _ in range(1 + late):
                     change = with_law.residual(np.concatenate([constants, numbers])) - residual
-                    before = float(change @ change)
+                    before, beside = float(change @ change), change - free @ (free.T @ change)
+                    # What parameters and start states change as well is no other law.
+                    if not np.isfinite(before) or float(beside @ beside) <= 1e-6 * before:
+                        break
+                    change = np.r_[weight * change, np.zeros(len(away))]
                     change -= basis @ (basis.T @ change)
                     power = float(change @ change)
-                    # What parameters and start states change as well is no other law.
-                    if not np.isfinite(power) or power <= 1e-6 * before or power <= 1e-20 * whole:
+                    if power <= 1e-20 * whole:
                         break
                     factor = -float(change @ left) / power
                     if not law.linear and not 0.1 < factor < 10.0:
@@ -136,6 +142,12 @@ def scored(
             twins.append([])
     changes = np.array([one[1] for one in kept]).reshape(len(kept), len(left))
     return Scores([one[0] for one in kept], twins, changes, left)
+
+
+def _basis(columns: Array) -> Array:
+    """Orthonormal columns that span the same."""
+    size = np.linalg.norm(columns, axis=0)
+    return np.linalg.qr(columns[:, size > 0.0] / size[size > 0.0])[0]
 
 
 def _rather(one: Candidate, other: Candidate) -> bool:

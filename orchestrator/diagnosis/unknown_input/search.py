@@ -28,8 +28,8 @@ __all__ = ["Answer", "answer"]
 Array = NDArray[np.float64]
 # Laws that are fitted by a few steps, how often the same one, and of these those that are fitted to the end.
 _TRIED, _EACH, _KEPT, _STEPS, _RIVALS = 12, 2, 3, 5, 4
-# Steps of a fit to the end.
-_MANY = 12
+# Steps of a fit to the end, and of one by exact derivatives for all that leave so many times the least.
+_MANY, _EXACT, _CLOSE = 12, 6, 1.15
 # Laws that are tried late, and fitted to the end.
 _LATE, _LATE_KEPT = 8, 1
 # Fits that leave more than this many times the best are not carried on.
@@ -105,7 +105,12 @@ class _Search:
     def __init__(self, runs: Runs, progress: Callable[[str], None]) -> None:
         self.runs, self.model, self.progress = runs, runs.model, progress
         self.study = runs.model.study
-        self.base = polished(runs, (), runs.model.nominal)
+        self.base = self.begin = polished(runs, (), runs.model.nominal)
+        if self.far(self.base.constants):
+            # Parameters that leave their tolerances imitate a law. Laws are tried from where they do not.
+            self.begin = polished(
+                runs, (), self.limited(self.base.constants, 1.0), self.base.starts, fixed=True
+            )
         self.places = runs.model.places()
         self.twins: dict[str, list[Candidate]] = {}
 
@@ -162,35 +167,39 @@ class _Search:
         )
 
     def tried(
-        self,
-        sets: Sequence[Sequence[Candidate]],
-        beside: tuple[Fitted, Polished] | None = None,
-        kept: int = _KEPT,
+        self, sets: Sequence[Sequence[Candidate]], beside: tuple[Fitted, Polished] | None = None
     ) -> list[tuple[Fitted, Polished]]:
-        """Fit each set of laws by a few steps, then the best to the end; best first."""
-        before = (self.base.constants, self.base.starts) if beside is None else (
-            beside[1].constants, beside[1].starts)  # fmt: skip
+        """Fit each set of laws by a few steps; best first."""
+        before = self.begin if beside is None else beside[1]
         first = () if beside is None else beside[0].laws
         found = []
         since = 0
         for one in sets:
             numbers = [value for law in one for value in law.numbers]
-            found.append(self.fitted((*first, *one), np.r_[before[0], numbers], before[1]))
+            found.append(self.fitted((*first, *one), np.r_[before.constants, numbers], before.starts))
             # The sets come in the order of their scores. Where one explains the logs, a few rivals suffice.
             since += self.explained(found)
             if since > _RIVALS:
                 break
-        found.sort(key=lambda each: each[1].remains)
-        near = _BEHIND * found[0][1].remains if found else 0.0
-        found += [
+        return sorted(found, key=lambda each: each[1].remains)
+
+    def finished(self, found: Sequence[tuple[Fitted, Polished]], kept: int) -> list[tuple[Fitted, Polished]]:
+        """Fits by a few steps, and the best of them carried on to the end; the best of each set of laws."""
+        if not found:
+            return []
+        ranked = _unlike(found)
+        near = _BEHIND * ranked[0][1].remains
+        ended = [
             self.to_the_end(one.laws, two.constants, two.starts)
-            for one, two in found[:kept] if two.remains < near
+            for one, two in ranked[:kept] if two.remains < near
         ]  # fmt: skip
-        # The best fit of each set of laws.
-        found.sort(key=lambda each: each[1].remains)
-        return list(
-            {tuple(law.name for law in one.laws): (one, two) for one, two in reversed(found)}.values()
-        )[::-1]
+        # Exact derivatives see the corners of a law, but cost most.
+        least = min((two.remains for _, two in ended), default=np.inf)
+        exact = [
+            self.fitted(one.laws, two.constants, two.starts, _EXACT, None, exact=True)
+            for one, two in ended if _EXPLAINED < two.remains < _CLOSE * least
+        ]  # fmt: skip
+        return _unlike([*found, *ended, *exact])
 
     def alone(self, found: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished]]:
         """Each law of the best pair without the other, from the numbers that it has in the pair.
@@ -203,7 +212,7 @@ class _Search:
         best, pair = min(pairs, key=lambda each: each[1].remains)
         count = len(self.model.nominal)
         return [
-            self.to_the_end((law,), np.r_[pair.constants[:count], values], pair.starts)
+            self.fitted((law,), np.r_[pair.constants[:count], values], pair.starts)
             for law, values, _ in best.by_law()
         ]
 
@@ -235,16 +244,15 @@ class _Search:
     def to_the_end(
         self, laws: Sequence[Candidate], constants: Array, starts: Sequence[Array]
     ) -> tuple[Fitted, Polished]:
-        """A fit carried on with all samples; by exact derivatives if something is left."""
+        """A fit carried on with all samples."""
         made = self.fitted(laws, constants, starts, _MANY, None)
         if made[1].remains > _EXPLAINED:
             # Calibration without the law may have led the fit astray, and to other start states.
             fresh = np.r_[self.model.nominal, [value for law in laws for value in law.numbers]]
-            other = self.fitted(laws, fresh, [each[3] for each in self.runs.data], _MANY, None)
-            made = min((made, other), key=lambda each: each[1].remains)
-        if made[1].remains < _EXPLAINED or not np.isfinite(made[1].remains):
-            return made
-        return self.fitted(laws, made[1].constants, made[1].starts, 6, None, exact=True)
+            other = self.fitted(laws, fresh, [each[3] for each in self.runs.data])
+            if other[1].remains < made[1].remains:
+                return self.fitted(laws, other[1].constants, other[1].starts, _MANY, None)
+        return made
 
     def filtered(self) -> list[tuple[Fitted, Polished]]:
         """Laws read off an unknown input and fitted in the filter, for systems that open simulations lose.
@@ -297,9 +305,9 @@ class _Search:
         change = np.abs(constants[: len(self.model.nominal)] - self.model.nominal)
         return np.flatnonzero(change > _FAR * self.model.tolerance).tolist()
 
-    def limited(self, constants: Array) -> Array:
-        """Parameters, each no further from its nominal value than an answer needs a reason for."""
-        most = _FAR * self.model.tolerance
+    def limited(self, constants: Array, tolerances: float = _FAR) -> Array:
+        """Parameters, each no more tolerances from its nominal value; by default what needs a reason."""
+        most = tolerances * self.model.tolerance
         return np.clip(constants[: len(most)], self.model.nominal - most, self.model.nominal + most)
 
     def weighed(self, found: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished, float]]:
@@ -307,16 +315,14 @@ class _Search:
 
         A residual that remembers `length` samples holds 1 / length of them as evidence.
         """
-        best: dict[tuple[str, ...], tuple[Fitted, Polished]] = {}
-        for one in sorted(found, key=lambda each: each[1].remains):
-            best.setdefault(tuple(sorted(law.name for law in one[0].laws)), one)
-        least = next(iter(best.values()))[1]
+        best = _unlike(found)
+        least = best[0][1]
         effective = least.samples / least.length
         weighed = [
             (one, two, -effective * np.log(max(two.remains, 1e-6)) - 0.5 * min(two.strain, 1e6)
              - 0.5 * len(two.constants) * np.log(max(effective, 2.0))
              + sum(np.log(law.law.odds) for law in one.laws))
-            for one, two in best.values() if np.isfinite(two.remains)
+            for one, two in best if np.isfinite(two.remains)
         ]  # fmt: skip
         return sorted(weighed, key=lambda each: each[2], reverse=True)
 
@@ -327,42 +333,55 @@ class _Search:
         if self.base.remains <= 1.0:
             return every
         self.progress("laws")
-        scores = self.scores((), self.base)
-        singles = self.tried([[one] for one in spread_out(scores.candidates, _TRIED, _EACH)])
+        scores = self.scores((), self.begin)
+        singles = self.finished(
+            self.tried([[one] for one in spread_out(scores.candidates, _TRIED, _EACH)]), _KEPT
+        )
         every += singles
         if not self.explained(every):
             self.progress("rarer laws")
-            late = spread_out(self.scores((), self.base, late=True).candidates, _LATE, 1)
-            rare = self.tried([[one] for one in late], kept=_LATE_KEPT)
+            late = spread_out(self.scores((), self.begin, late=True).candidates, _LATE, 1)
+            rare = self.finished(self.tried([[one] for one in late]), _LATE_KEPT)
             every += rare
-            singles = sorted([*singles, *rare], key=lambda each: each[1].remains)
+            singles = _unlike([*singles, *rare])
         if not self.explained(every):
             self.progress("pairs of laws")
-            every = self._with_pairs(scores, singles, every)
+            pairs = self.finished(self._pairs(scores, singles), _KEPT)
+            if pairs and not self.explained(pairs):
+                pairs = self.finished([*pairs, *self._alike(*pairs[0])], _KEPT)
+            every += [*pairs, *self.finished(self.alone(pairs), _KEPT)]
         every += self.within_tolerance(every)
         lost = self.base.remains > _LOST * _spread(self.runs)
         if self.model.filters and lost and not self.explained(every):
             every += self.filtered()
         return every
 
-    def _with_pairs(
-        self, scores: Scores, singles: Sequence[tuple[Fitted, Polished]], every: list[tuple[Fitted, Polished]]
+    def _alike(self, best: Fitted, found: Polished) -> list[tuple[Fitted, Polished]]:
+        """A pair with each law in turn at another place where it acts the same alone, but not beside the other."""
+        return [
+            self.fitted((*best.laws[:k], two, *best.laws[k + 1 :]), found.constants, found.starts)
+            for k, one in enumerate(best.laws)
+            for two in [each for each in self.twins.get(one.name, ()) if each.law is one.law][:_BESIDE]
+        ]
+
+    def _pairs(
+        self, scores: Scores, singles: Sequence[tuple[Fitted, Polished]]
     ) -> list[tuple[Fitted, Polished]]:
-        """Fits with those of pairs: by their scores, beside the best single laws, rarer laws beside the best.
+        """Fits of pairs: by their scores, beside the best single laws, rarer laws beside the best.
 
         Args:
             singles: best first.
         """
-        every = [*every, *self.tried(scores.pairs(_BESIDE))]
+        found = self.tried(scores.pairs(_BESIDE))
         for one in _families(singles)[:_BEAM]:
-            if not self.explained(every):
+            if not found or not self.explained(found):
                 more = self.scores(one[0].laws, one[1]).candidates
-                every += self.tried([[two] for two in more if two.law.states == 0][:_BESIDE], one)
+                found += self.tried([[two] for two in more if two.law.states == 0][:_BESIDE], one)
         for one in singles[:1]:
-            if not self.explained(every):
+            if not found or not self.explained(found):
                 rare = self.scores(one[0].laws, one[1], late=True).candidates
-                every += self.tried([[two] for two in spread_out(rare, _BESIDE, 1)], one)
-        return [*every, *self.alone(every)]
+                found += self.tried([[two] for two in spread_out(rare, _BESIDE, 1)], one)
+        return found
 
 
 def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -> Answer:
@@ -428,6 +447,14 @@ def _simulated(model: StateModel) -> list[Array]:
     """Compared signals of the runs as configured."""
     replays = Replays(Runs(model, model.study.of(Role.TRAIN, Role.VALIDATION)), ())
     return [replays.found(k, start, model.nominal) for k, start in enumerate(replays.starts)]
+
+
+def _unlike(found: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished]]:
+    """The best fit of each set of laws, best first."""
+    ranked: dict[tuple[str, ...], tuple[Fitted, Polished]] = {}
+    for one in sorted(found, key=lambda each: each[1].remains):
+        ranked.setdefault(tuple(sorted(law.name for law in one[0].laws)), one)
+    return list(ranked.values())
 
 
 def _families(singles: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished]]:

@@ -38,31 +38,40 @@ class Smoothed:
 
 
 @njit()
-def _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, rate, extra, past, now):
+def _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, rate, extra, past, now, call):
     nx, nh, np_, nt, nw = n
     a, b, c = nx + nh, nx + nh + np_, nx + nh + np_ + nt
     w = z[c] if nw > 0 else 0.0
     evaluate(
-        rows, wiring, z[:nx], ext, z[a:b], t, acts, w, signals, z[b:c], z[nx:a], u, y, rate, extra, past, now,
+        rows, wiring, z[:nx], ext, z[a:b], t, acts, w, signals, z[b:c], z[nx:a], u, y, rate, extra,
+        past, now, call,
     )  # fmt: skip
 
 
 @njit()
-def _step(rows, wiring, z, n, e0, e1, t, h, acts, signals, u, y, sub, past, now):
-    """RK4 over one sample."""
+def _room(z, held):
+    """Room for one step: four slopes and the begin of z; fed signals within a sample."""
+    return np.zeros((5, len(z))), np.zeros(len(held))
+
+
+@njit()
+def _step(rows, wiring, z, n, e0, e1, held, t, h, acts, signals, u, y, sub, past, now, call, room):
+    """RK4 over one sample; moves z."""
     nx, nh, np_, nt, nw = n
     m, d = nx + nh, h / sub
     c = m + np_ + nt
-    z = z.copy()
-    k = np.zeros((4, m))
+    k, ext = room
+    base = k[4]
     first = now[0]
     for s in range(sub):
-        base = z.copy()
+        base[:] = z
         now[0] = first + s
         for i in range(4):
             now[1] = (0.0, 0.5, 0.5, 1.0)[i]
             now[3] = (1.0, 3.0, 3.0, 2.0)[i]
             f = (s + now[1]) / sub
+            for j in range(len(ext)):
+                ext[j] = e0[j] if held[j] else e0[j] + (e1[j] - e0[j]) * f
             if i > 0:
                 g = d * (0.0, 0.5, 0.5, 1.0)[i]
                 for j in range(m):
@@ -70,15 +79,14 @@ def _step(rows, wiring, z, n, e0, e1, t, h, acts, signals, u, y, sub, past, now)
                 if nw == 2:
                     z[c] = base[c] + g * base[c + 1]
             _rate(
-                rows, wiring, z, n, e0 + (e1 - e0) * f, t + f * h, acts, signals, u, y,
-                k[i, :nx], k[i, nx:], past, now,
+                rows, wiring, z, n, ext, t + f * h, acts, signals, u, y, k[i, :nx], k[i, nx:m],
+                past, now, call,
             )  # fmt: skip
         for j in range(m):
             z[j] = base[j] + d / 6.0 * (k[0, j] + 2.0 * k[1, j] + 2.0 * k[2, j] + k[3, j])
         if nw == 2:
             z[c] = base[c] + d * base[c + 1]
     now[0], now[1], now[3] = first + sub, 0.0, 0.0
-    return z
 
 
 @njit()
@@ -87,14 +95,14 @@ def _jacobians(rows, wiring, z, n, ext, t, acts, signals, u, y, delta, measured,
     m, nz = nx + nh, len(z)
     a, c = np.zeros((nz, nz)), np.zeros((len(measured), nz))
     r0, r1 = np.zeros(m), np.zeros(m)
-    past, now = past_of(acts, 0)
-    _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, r0[:nx], r0[nx:], past, now)
+    past, now, call = past_of(acts, 0)
+    _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, r0[:nx], r0[nx:], past, now, call)
     y0 = y[measured].copy()
     for i in range(nz - (1 if nw == 2 else 0)):
         old = z[i]
         step = delta[i] + tiny * abs(old)
         z[i] = old + step
-        _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, r1[:nx], r1[nx:], past, now)
+        _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, r1[:nx], r1[nx:], past, now, call)
         z[i] = old
         for j in range(m):
             a[j, i] = (r1[j] - r0[j]) / step
@@ -118,7 +126,8 @@ def _filter(
     zf, pf = np.zeros((kept, nz)), np.zeros((kept, nz, nz))
     fs = np.zeros((kept, nz, nz))
     eye = np.eye(nz)
-    past, now = past_of(acts, 0)
+    past, now, call = past_of(acts, 0)
+    room = _room(z, held)
     loglik = 0.0
     c_w = nz - nw
     for k in range(count):
@@ -134,7 +143,10 @@ def _filter(
             f = one
             for _ in range(sub - 1):
                 f = one @ f
-            z = _step(rows, wiring, z, n, e0, e1, (k - 1) * h, h, acts, signals, u, y, sub, past, now)
+            _step(
+                rows, wiring, z, n, e0, ext[k], held, (k - 1) * h, h, acts, signals, u, y, sub,
+                past, now, call, room,
+            )  # fmt: skip
             p = f @ p @ f.T
             if nw == 1:
                 p[c_w, c_w] += q * h
@@ -197,18 +209,18 @@ def _simulate(rows, wiring, z, n, ext, held, h, sub, acts, signals, nu, ny, meas
     nx = n[0]
     found, signal = np.full((count, len(measured)), np.nan), np.full((count, nx + nu + ny), np.nan)
     rate, extra = np.zeros(nx), np.zeros(n[1])
-    past, now = past_of(acts, count * sub)
+    past, now, call = past_of(acts, count * sub)
     now[2] = h / sub
+    z, room = z.copy(), _room(z, held)
     for k in range(count):
         if k > 0:
-            e0 = ext[k - 1]
-            z = _step(
-                rows, wiring, z, n, e0, np.where(held, e0, ext[k]), (k - 1) * h, h, acts, signals, u, y, sub,
-                past, now,
+            _step(
+                rows, wiring, z, n, ext[k - 1], ext[k], held, (k - 1) * h, h, acts, signals, u, y, sub,
+                past, now, call, room,
             )  # fmt: skip
         if not np.all(np.isfinite(z)):
             break
-        _rate(rows, wiring, z, n, ext[k], k * h, acts, signals, u, y, rate, extra, past, now)
+        _rate(rows, wiring, z, n, ext[k], k * h, acts, signals, u, y, rate, extra, past, now, call)
         found[k] = y[measured]
         signal[k, :nx] = z[:nx]
         signal[k, nx : nx + nu] = u
@@ -226,14 +238,14 @@ def _sensitive(rows, wiring, z, n, ext, held, h, sub, acts, signals, delta, nu, 
     count, nz = len(ext), len(z)
     found = np.zeros((count, len(measured), nz))
     along, eye = np.eye(nz), np.eye(nz)
-    past, now = past_of(acts, 0)
+    past, now, call = past_of(acts, 0)
+    z, room = z.copy(), _room(z, held)
     before = np.zeros((nz, nz))
     for k in range(count):
         if k > 0:
-            e0 = ext[k - 1]
-            z = _step(
-                rows, wiring, z, n, e0, np.where(held, e0, ext[k]), (k - 1) * h, h, acts, signals, u, y, sub,
-                past, now,
+            _step(
+                rows, wiring, z, n, ext[k - 1], ext[k], held, (k - 1) * h, h, acts, signals, u, y, sub,
+                past, now, call, room,
             )  # fmt: skip
         if not np.all(np.isfinite(z)):
             break
@@ -256,9 +268,11 @@ def _signals(rows, wiring, path, n, ext, h, acts, signals, nu, ny):
     count, nx = len(path), n[0]
     rate, extra = np.zeros(nx), np.zeros(n[1])
     found = np.zeros((count, nx + nu + ny))
-    past, now = past_of(acts, 0)
+    past, now, call = past_of(acts, 0)
     for k in range(count):
-        _rate(rows, wiring, path[k].copy(), n, ext[k], k * h, acts, signals, u, y, rate, extra, past, now)
+        _rate(
+            rows, wiring, path[k].copy(), n, ext[k], k * h, acts, signals, u, y, rate, extra, past, now, call
+        )
         found[k, :nx] = path[k, :nx]
         found[k, nx : nx + nu] = u
         found[k, nx + nu :] = y

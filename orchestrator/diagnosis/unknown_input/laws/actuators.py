@@ -104,7 +104,7 @@ LAWS = [
     Law(
         "lag",
         "lag",
-        (Number("time constant", "s", (0.5, 4.0), "interval", positive=True),),
+        (Number("time constant", "s", (0.5, 4.0, 16.0), "interval", positive=True),),
         _lag,
         _OWN,
         1,
@@ -117,7 +117,7 @@ LAWS = [
     Law(
         "delay",
         "lag",
-        (Number("time", "s", (0.5, 4.0), "interval", positive=True),),
+        (Number("time", "s", (0.5, 4.0, 16.0), "interval", positive=True),),
         _delay,
         _OWN,
         2,
