@@ -34,8 +34,9 @@ _MANY, _EXACT, _CLOSE = 12, 6, 1.15
 _LATE, _LATE_KEPT = 8, 1
 # Fits that leave more than this many times the best are not carried on.
 _BEHIND = 1.6
-# The logs are explained where this much of the noise is left.
-_EXPLAINED, _MOST = 1.1, 0.995
+# The logs are explained where this much of the noise is left, and it forgets itself within so many samples,
+# or where this share of the gap is closed.
+_EXPLAINED, _WHITE, _MOST = 1.1, 2.0, 0.995
 # A second law must close this share of what the first leaves, and gain so many nats.
 _HALF, _LEAST = 0.5, 10.0
 # Families that are extended by a second law, and laws tried beside each.
@@ -105,19 +106,22 @@ class _Search:
     def __init__(self, runs: Runs, progress: Callable[[str], None]) -> None:
         self.runs, self.model, self.progress = runs, runs.model, progress
         self.study = runs.model.study
-        self.base = self.begin = polished(runs, (), runs.model.nominal)
+        self.base = polished(runs, (), runs.model.nominal)
+        constants = self.base.constants, self.base.covariance
+        self.nothing = Fitted((), np.zeros(0), np.zeros(0), 0.0, constants)
+        # Where laws are tried from. Parameters that leave their tolerances imitate a law: then also without.
+        self.begins = [(self.nothing, self.base)]
         if self.far(self.base.constants):
-            # Parameters that leave their tolerances imitate a law. Laws are tried from where they do not.
-            self.begin = polished(
-                runs, (), self.limited(self.base.constants, 1.0), self.base.starts, fixed=True
-            )
+            near = self.limited(self.base.constants, 1.0)
+            self.begins.append((self.nothing, polished(runs, (), near, self.base.starts, fixed=True)))
         self.places = runs.model.places()
         self.twins: dict[str, list[Candidate]] = {}
 
-    def scores(self, laws: Sequence[Candidate], found: Polished, late: bool = False) -> Scores:
+    def scores(self, beside: tuple[Fitted, Polished], late: bool = False) -> Scores:
         """Laws beside some that are fitted."""
+        laws = [one.inserted for one in beside[0].laws]
         made = scored(
-            self.runs, self.places, [one.inserted for one in laws], found.constants, found.starts, late=late
+            self.runs, self.places, laws, beside[1].constants, beside[1].starts, late=late
         )  # fmt: skip
         self.twins |= {one.name: twins for one, twins in zip(made.candidates, made.twins, strict=True)}
         return made
@@ -148,8 +152,10 @@ class _Search:
 
     def explained(self, found: Sequence[tuple[Fitted, Polished]]) -> bool:
         """Whether some laws leave little more than the noise, or close nearly all of the gap."""
-        least = min(one.remains for _, one in found)
-        return least < _EXPLAINED or closed(self.base.remains, least) > _MOST
+        least = min((one for _, one in found), key=lambda one: one.remains)
+        if least.remains < _EXPLAINED:
+            return least.length < _WHITE
+        return closed(self.base.remains, least.remains) > _MOST
 
     def _sound(self, one: Fitted) -> bool:
         """Whether numbers stay within what makes a law this law."""
@@ -167,11 +173,10 @@ class _Search:
         )
 
     def tried(
-        self, sets: Sequence[Sequence[Candidate]], beside: tuple[Fitted, Polished] | None = None
+        self, sets: Sequence[Sequence[Candidate]], beside: tuple[Fitted, Polished]
     ) -> list[tuple[Fitted, Polished]]:
-        """Fit each set of laws by a few steps; best first."""
-        before = self.begin if beside is None else beside[1]
-        first = () if beside is None else beside[0].laws
+        """Fit each set of laws beside those that are fitted, by a few steps; best first."""
+        first, before = beside[0].laws, beside[1]
         found = []
         since = 0
         for one in sets:
@@ -328,20 +333,28 @@ class _Search:
 
     def searched(self) -> list[tuple[Fitted, Polished]]:
         """Fits of all stages: no law, single laws, rarer ones, pairs, and what a filter reads."""
-        nothing = Fitted((), np.zeros(0), np.zeros(0), 0.0, (self.base.constants, self.base.covariance))
-        every = [(nothing, self.base)]
+        every = [(self.nothing, self.base)]
         if self.base.remains <= 1.0:
             return every
         self.progress("laws")
-        scores = self.scores((), self.begin)
-        singles = self.finished(
-            self.tried([[one] for one in spread_out(scores.candidates, _TRIED, _EACH)]), _KEPT
-        )
+        scores = [self.scores(begin) for begin in self.begins]
+        tried = [
+            fit
+            for begin, some in zip(self.begins, scores, strict=True)
+            for fit in self.tried([[one] for one in spread_out(some.candidates, _TRIED, _EACH)], begin)
+        ]
+        singles = self.finished(tried, _KEPT)
         every += singles
         if not self.explained(every):
             self.progress("rarer laws")
-            late = spread_out(self.scores((), self.begin, late=True).candidates, _LATE, 1)
-            rare = self.finished(self.tried([[one] for one in late]), _LATE_KEPT)
+            tried = [
+                fit
+                for begin in self.begins
+                for fit in self.tried(
+                    [[one] for one in spread_out(self.scores(begin, late=True).candidates, _LATE, 1)], begin
+                )
+            ]
+            rare = self.finished(tried, _LATE_KEPT)
             every += rare
             singles = _unlike([*singles, *rare])
         if not self.explained(every):
@@ -357,7 +370,7 @@ class _Search:
         return every
 
     def _alike(self, best: Fitted, found: Polished) -> list[tuple[Fitted, Polished]]:
-        """A pair with each law in turn at another place where it acts the same alone, but not beside the other."""
+        """A pair with each law in turn where it acts the same if alone, but not beside the other."""
         return [
             self.fitted((*best.laws[:k], two, *best.laws[k + 1 :]), found.constants, found.starts)
             for k, one in enumerate(best.laws)
@@ -365,21 +378,25 @@ class _Search:
         ]
 
     def _pairs(
-        self, scores: Scores, singles: Sequence[tuple[Fitted, Polished]]
+        self, scores: Sequence[Scores], singles: Sequence[tuple[Fitted, Polished]]
     ) -> list[tuple[Fitted, Polished]]:
         """Fits of pairs: by their scores, beside the best single laws, rarer laws beside the best.
 
         Args:
-            singles: best first.
+            scores: of single laws, from each begin. singles: best first.
         """
-        found = self.tried(scores.pairs(_BESIDE))
+        found = [
+            fit
+            for begin, some in zip(self.begins, scores, strict=True)
+            for fit in self.tried(some.pairs(_BESIDE), begin)
+        ]
         for one in _families(singles)[:_BEAM]:
             if not found or not self.explained(found):
-                more = self.scores(one[0].laws, one[1]).candidates
+                more = self.scores(one).candidates
                 found += self.tried([[two] for two in more if two.law.states == 0][:_BESIDE], one)
         for one in singles[:1]:
             if not found or not self.explained(found):
-                rare = self.scores(one[0].laws, one[1], late=True).candidates
+                rare = self.scores(one, late=True).candidates
                 found += self.tried([[two] for two in spread_out(rare, _BESIDE, 1)], one)
         return found
 
@@ -613,10 +630,18 @@ def _rivals(
     same = [one for one in same if one[2] <= evidence or not search.far(one[1].constants)]
     weights = np.exp(np.clip([(nats - evidence) / _TEMPERATURE for *_, nats in same], -700.0, 0.0))
     weights = (trust * weights / weights.sum()).tolist()
-    pairs = [(one, weight) for (one, *_), weight in zip(same, weights, strict=True)]
-    return next(weight for one, weight in pairs if one is best), [
-        (one, weight) for one, weight in pairs if one is not best and one.laws
-    ]
+    # The same laws at other places of the same components are the same answer.
+    merged: dict[tuple[tuple[str, int], ...], list[Any]] = {}
+    for (one, *_), weight in sorted(zip(same, weights, strict=True), key=lambda each: each[0][0] is not best):
+        merged.setdefault(_alias(one), [one, 0.0])[1] += weight
+    probability = merged.pop(_alias(best))[1]
+    others = [(one, weight) for one, weight in merged.values() if one.laws]
+    return probability, sorted(others, key=lambda each: -each[1])
+
+
+def _alias(one: Fitted) -> tuple[tuple[str, int], ...]:
+    """Laws and the components where they act."""
+    return tuple(sorted((law.law.name, law.place.component) for law in one.laws))
 
 
 def _experiments(
