@@ -128,35 +128,37 @@ def scored(
             if best is not None:
                 found.append(best)
     found.sort(key=lambda each: each[0].share, reverse=True)
-    kept: list[tuple[Candidate, Array]] = []
-    twins: list[list[Candidate]] = []
+    groups: list[list[tuple[Candidate, Array]]] = []
     for each in found:
-        same = next((k for k, two in enumerate(kept) if abs(float(each[1] @ two[1])) > _SAME), None)
-        if same is not None and _rather(each[0], kept[same][0]):
-            twins[same].append(kept[same][0])
-            kept[same] = each
-        elif same is not None:
-            twins[same].append(each[0])
-        elif len(kept) < most:
-            kept.append(each)
-            twins.append([])
+        same = next((one for one in groups if abs(float(each[1] @ one[0][1])) > _SAME), None)
+        if same is not None:
+            same.append(each)
+        elif len(groups) < most:
+            groups.append([each])
+    kept = [_likeliest(one) for one in groups]
     changes = np.array([one[1] for one in kept]).reshape(len(kept), len(left))
-    return Scores([one[0] for one in kept], twins, changes, left)
+    twins = [
+        [two for two, _ in group if two is not one] for (one, _), group in zip(kept, groups, strict=True)
+    ]
+    return Scores([one for one, _ in kept], twins, changes, left)
+
+
+def _likeliest(group: Sequence[tuple[Candidate, Array]]) -> tuple[Candidate, Array]:
+    """Of laws that act the same the one that does so at most components, where its place names it best.
+
+    An input comes before an output, both before a derivative.
+    """
+    odds = {one.law.name: 0.0 for one, _ in group}
+    for (name, _), law in {(one.law.name, one.place.component): one.law for one, _ in group}.items():
+        odds[name] += law.odds
+    name = max(odds, key=lambda one: odds[one])
+    alike = [each for each in group if each[0].law.name == name]
+    order = (Kinds.INPUT, Kinds.OUTPUT, Kinds.RATE)
+    near = [each for each in alike if each[0].place.component == alike[0][0].place.component]
+    return min(near, key=lambda each: order.index(each[0].place.kind))
 
 
 def _basis(columns: Array) -> Array:
     """Orthonormal columns that span the same."""
     size = np.linalg.norm(columns, axis=0)
     return np.linalg.qr(columns[:, size > 0.0] / size[size > 0.0])[0]
-
-
-def _rather(one: Candidate, other: Candidate) -> bool:
-    """Whether a law that acts the same is likelier, or its place names it better.
-
-    An input comes before an output, both before a derivative.
-    """
-    if one.law is not other.law:
-        return one.law.odds > other.law.odds
-    order = (Kinds.INPUT, Kinds.OUTPUT, Kinds.RATE)
-    near = one.place.component == other.place.component
-    return near and order.index(one.place.kind) < order.index(other.place.kind)

@@ -299,11 +299,9 @@ class _Search:
     def _relatives(self, best: Fitted) -> Iterator[Fitted]:
         """The same laws, each in turn replaced by one of its family, as a lag by a delay."""
         for k, (law, values, _) in enumerate(best.by_law()):
-            for one in readable(self.model, law.place):
-                same = one.law.family == law.law.family and one.signal == law.signal
-                if same and one.law is not law.law and len(one.law.numbers) == len(values):
-                    other = replace(one, numbers=tuple(values.tolist()))
-                    yield fit(self.runs, (*best.laws[:k], other, *best.laws[k + 1 :]), None, best.numbers)
+            for one in _relatives(self.model, law):
+                other = replace(one, numbers=tuple(values.tolist()))
+                yield fit(self.runs, (*best.laws[:k], other, *best.laws[k + 1 :]), None, best.numbers)
 
     def far(self, constants: Array) -> list[int]:
         """Parameters that leave their tolerance."""
@@ -370,11 +368,14 @@ class _Search:
         return every
 
     def _alike(self, best: Fitted, found: Polished) -> list[tuple[Fitted, Polished]]:
-        """A pair with each law in turn where it acts the same if alone, but not beside the other."""
+        """A pair with each law in turn replaced by one that alone acts the same, or by one of its family there."""
         return [
             self.fitted((*best.laws[:k], two, *best.laws[k + 1 :]), found.constants, found.starts)
             for k, one in enumerate(best.laws)
-            for two in [each for each in self.twins.get(one.name, ()) if each.law is one.law][:_BESIDE]
+            for two in [
+                *[each for each in self.twins.get(one.name, ()) if each.law is one.law][:_BESIDE],
+                *_relatives(self.model, one),
+            ]
         ]
 
     def _pairs(
@@ -464,6 +465,16 @@ def _simulated(model: StateModel) -> list[Array]:
     """Compared signals of the runs as configured."""
     replays = Replays(Runs(model, model.study.of(Role.TRAIN, Role.VALIDATION)), ())
     return [replays.found(k, start, model.nominal) for k, start in enumerate(replays.starts)]
+
+
+def _relatives(model: StateModel, law: Candidate) -> list[Candidate]:
+    """Laws of the same family with as many numbers, which read the same signal at the same place."""
+    return [
+        one
+        for one in readable(model, law.place)
+        if one.law.family == law.law.family and one.law is not law.law and one.signal == law.signal
+        and len(one.law.numbers) == len(law.law.numbers)
+    ]  # fmt: skip
 
 
 def _unlike(found: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished]]:
@@ -607,12 +618,11 @@ def _nearest(
 
 
 def _among(best: Fitted, twins: Mapping[str, Sequence[Candidate]]) -> float:
-    """Share of the answer among laws of other families that act the same on these logs."""
+    """Share of the answer among laws, and components where they are, that act the same on these logs."""
     share = 1.0
     for one in best.laws:
-        others = {two.law.family: two.law.odds for two in twins.get(one.name, ())}
-        others.pop(one.law.family, None)
-        share *= one.law.odds / (one.law.odds + sum(others.values()))
+        alike = {(two.law.name, two.place.component): two.law.odds for two in (one, *twins.get(one.name, ()))}
+        share *= one.law.odds / sum(alike.values())
     return share
 
 

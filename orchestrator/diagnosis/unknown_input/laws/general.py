@@ -74,6 +74,7 @@ LAWS = [
         "own",
         modelica="y = change_per_time*time;",
         sentence="A zero that moves with time.",
+        odds=0.3,
     ),
     Law(
         "step at a time",
