@@ -368,7 +368,7 @@ class _Search:
         return every
 
     def _alike(self, best: Fitted, found: Polished) -> list[tuple[Fitted, Polished]]:
-        """A pair with each law in turn replaced by one that alone acts the same, or by one of its family there."""
+        """A pair with each law in turn replaced: by one that alone acts the same, or by one of its family."""
         return [
             self.fitted((*best.laws[:k], two, *best.laws[k + 1 :]), found.constants, found.starts)
             for k, one in enumerate(best.laws)
