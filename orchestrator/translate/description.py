@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,15 @@ from .generate import TableEntry
 from .package import LOG_CATEGORIES
 from .program import Program
 from .structure import Structure, Unknown, model_structure
+
+# Control characters, which XML 1.0 cannot hold.
+_UNWRITABLE = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
+
+
+def written(root: ET.Element) -> bytes:
+    """A model description as text; characters that XML cannot hold are replaced."""
+    text = _UNWRITABLE.sub("\ufffd", ET.tostring(root, encoding="unicode"))
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'.encode()
 
 
 @dataclass(frozen=True)
@@ -67,7 +77,7 @@ def describe(
     write = _fmi2 if fmi_version == "2.0" else _fmi3
     root = write(program, table, ports, units, structure, identifier, token, sorted(source_files))
     ET.indent(root)
-    xml = b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="utf-8") + b"\n"
+    xml = written(root)
     notes = tuple(f"the unit {name!r} cannot be read and gets no base unit" for name in units.unknown)
     return Description(xml, notes)
 

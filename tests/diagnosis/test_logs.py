@@ -387,6 +387,8 @@ def test_a_folder_that_is_no_bag_is_told_as_such(tmp_path):
          "  a number; 1 such in all. Correct the log there."),
         ("f [N]\n1\ninf\n", "a.csv:3: force: row 1 of column f holds inf\n"
          "  a number; 1 such in all. Correct the log there."),
+        ("f [N]\n1\n1e308\n", "a.csv:3: force: row 1 of column f holds 1e+308\n"
+         "  a number below 1e+150; 1 such in all. Correct the log there."),
         ("f [N]\n", "a.csv: holds a header, and no rows below it"),
         ("0.1,2.5e-3\n0.2,1\n", "a.csv: has numbers in its first line (0.1, 2.5e-3); "
          "write the columns' names there: `force [N],...`"),

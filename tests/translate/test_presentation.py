@@ -23,6 +23,7 @@ from orchestrator.cli.translate import add_arguments
 from orchestrator.cli.translate import main as build_main
 from orchestrator.exchange.system_fmu import export_system_fmu
 from orchestrator.fmi.bundled import find_fmu, fmu_names
+from orchestrator.translate.description import written
 from orchestrator.translate.presentation import dress, text_section
 from orchestrator.translate.python_fmu import build_python_fmu
 
@@ -108,6 +109,11 @@ def test_provenance_names_the_sources():
     assert set(told["madeWith"]) == {"pythonfmu"}
     whole = json.loads(members(find_fmu("UncompensatedDocking"))["extra/orchestrator/provenance.json"])
     assert "DockingHIL/RobotResponse.mo" in whole["sources"]
+
+
+def test_control_characters_do_not_reach_the_model_description():
+    root = ET.Element("fmiModelDescription", description="tank\x13 of water")
+    assert ET.fromstring(written(root)).get("description") == "tank\ufffd of water"
 
 
 def test_documentation_and_equations_are_on_the_page():

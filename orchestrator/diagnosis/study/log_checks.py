@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 # By how much of the tick a log's own step may differ from it; and rows of a clock from their even place.
 _APART, _UNEVEN = 0.01, 0.1
+# Squares of values, and slopes between them, have to be finite.
+_LARGEST = 1e150
 # What the quartzes of two clocks differ by.
 _QUARTZ = 1e-4
 _CLOCKS = ("t", "time", "timestamp", "stamp", "zeit", "seconds", "sec")
@@ -114,7 +116,7 @@ def unread_rows(
     rows: Mapping[str, NDArray[np.intp]],
     has_parts: bool,
 ) -> Iterator[Problem]:
-    """Columns with rows that hold no number.
+    """Columns with rows that hold no number, or one whose square is none.
 
     Args:
         path: of the log, for the message.
@@ -123,7 +125,7 @@ def unread_rows(
         has_parts: whether a part of the log can be asked for.
     """
     for name, signal in signals.items():
-        wrong = rows[name][~np.isfinite(signal.values[rows[name]])]
+        wrong = rows[name][~(np.abs(signal.values[rows[name]]) < _LARGEST)]
         if not len(wrong):
             continue
         row = int(wrong[0])
@@ -137,7 +139,7 @@ def unread_rows(
         )
         if isinstance(held, str) and _COMMA.fullmatch(held):
             remedy = f"Write decimal points: {held.strip().replace(',', '.')}."
-        allowed = "a number"
+        allowed = f"a number below {_LARGEST:g}" if np.isfinite(signal.values[row]) else "a number"
         if isinstance(held, str) and _DATE.fullmatch(held):
             allowed = "a number, or a date as ISO 8601 has it, 2026-03-04T09:15:00.250"
             remedy = "Write dates so, with a decimal point and the year first, or times as seconds."

@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
 
 from ..declared_units import derivative_unit, used_units
+from ..description import written
 from ..package import LOG_CATEGORIES
 from .code import Layout, Port, margins_of
 
@@ -91,7 +92,7 @@ def describe_hybrid(
         _variable(variables, number, port, second, places)
     _structure(root, layout.ports, second)
     ET.indent(root)
-    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="utf-8") + b"\n"
+    return written(root)
 
 
 def _unit(port: Port) -> str:
