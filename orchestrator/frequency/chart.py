@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from ..base.errors import ConfigError, OrchestratorError, Problem
 from ..base.quantities import Measure, quantity
@@ -108,7 +109,9 @@ def chart_of(
     def crossing(one: tuple[float, float], other: tuple[float, float], stable: State, unstable: State) -> Any:
         return _exact_crossing(family, one, other, unstable[1])
 
-    return replace(_charted(state, crossing, x, y, points), evaluations=family.made)
+    # With many small matrices, threads of BLAS wait for one another.
+    with threadpool_limits(1):
+        return replace(_charted(state, crossing, x, y, points), evaluations=family.made)
 
 
 def config_chart(
@@ -515,7 +518,8 @@ def _sampled_chart(
     def crossing(one: Any, two: Any, stable: State, unstable: State) -> None:
         return None
 
-    found = _charted(state, crossing, (x.low, x.high), (y.low, y.high), points)
+    with threadpool_limits(1):
+        found = _charted(state, crossing, (x.low, x.high), (y.low, y.high), points)
     return replace(found, sampled=True, evaluations=looked)
 
 
