@@ -31,7 +31,8 @@ _PASSES = 3
 _TOLERANCE, _VARIED, _SAMPLES = 0.02, 0.05, 500
 # No law of the search acts here.
 _NOTHING, _NONE = acts_of((), None, 0.0)
-_ZEROS, _PAST, _NOW = np.zeros(1), np.zeros((0, 0, 3)), np.zeros(4)
+_ZEROS = np.zeros(1)
+_MEMORY = np.zeros((0, 0, 3)), np.zeros(4), np.zeros((2, 8))
 
 
 @dataclass
@@ -98,7 +99,7 @@ class Given:
                     for i, gain in self._readers[law.place]:
                         constant[i] += gain * value
             evaluate(model.rows, model.wiring, state, fed, numbers, t, _NOTHING, 0.0, _NONE, _ZEROS, _ZEROS,
-                     u, y, rate, _ZEROS, _PAST, _NOW)  # fmt: skip
+                     u, y, rate, _ZEROS, *_MEMORY)  # fmt: skip
             made = [*x, *u.tolist(), *y.tolist()]
             at = 0
             for k, law in enumerate(acting):

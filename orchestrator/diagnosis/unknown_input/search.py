@@ -299,8 +299,7 @@ class _Search:
     def _relatives(self, best: Fitted) -> Iterator[Fitted]:
         """The same laws, each in turn replaced by one of its family, as a lag by a delay."""
         for k, (law, values, _) in enumerate(best.by_law()):
-            for one in _relatives(self.model, law):
-                other = replace(one, numbers=tuple(values.tolist()))
+            for other in _relatives(self.model, law, values):
                 yield fit(self.runs, (*best.laws[:k], other, *best.laws[k + 1 :]), None, best.numbers)
 
     def far(self, constants: Array) -> list[int]:
@@ -371,10 +370,10 @@ class _Search:
         """A pair with each law in turn replaced: by one that alone acts the same, or by one of its family."""
         return [
             self.fitted((*best.laws[:k], two, *best.laws[k + 1 :]), found.constants, found.starts)
-            for k, one in enumerate(best.laws)
+            for k, (one, values, _) in enumerate(best.by_law())
             for two in [
                 *[each for each in self.twins.get(one.name, ()) if each.law is one.law][:_BESIDE],
-                *_relatives(self.model, one),
+                *_relatives(self.model, one, values),
             ]
         ]
 
@@ -467,10 +466,10 @@ def _simulated(model: StateModel) -> list[Array]:
     return [replays.found(k, start, model.nominal) for k, start in enumerate(replays.starts)]
 
 
-def _relatives(model: StateModel, law: Candidate) -> list[Candidate]:
-    """Laws of the same family with as many numbers, which read the same signal at the same place."""
+def _relatives(model: StateModel, law: Candidate, numbers: Array) -> list[Candidate]:
+    """Laws of the same family that take these numbers, and read the same signal at the same place."""
     return [
-        one
+        replace(one, numbers=tuple(numbers.tolist()))
         for one in readable(model, law.place)
         if one.law.family == law.law.family and one.law is not law.law and one.signal == law.signal
         and len(one.law.numbers) == len(law.law.numbers)
@@ -618,11 +617,12 @@ def _nearest(
 
 
 def _among(best: Fitted, twins: Mapping[str, Sequence[Candidate]]) -> float:
-    """Share of the answer among laws, and components where they are, that act the same on these logs."""
+    """Share of the answer among laws that act the same on these logs, each once at a component."""
     share = 1.0
     for one in best.laws:
         alike = {(two.law.name, two.place.component): two.law.odds for two in (one, *twins.get(one.name, ()))}
-        share *= one.law.odds / sum(alike.values())
+        own = sum(odds for (name, _), odds in alike.items() if name == one.law.name)
+        share *= own / sum(alike.values())
     return share
 
 
