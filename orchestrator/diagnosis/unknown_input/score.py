@@ -18,7 +18,7 @@ from .model import Inserted, Kinds, Place
 from .places import Runs
 from .polish import Replays
 
-__all__ = ["SAMPLES", "Scores", "scored"]
+__all__ = ["SAMPLES", "Scores", "odds_of", "scored"]
 
 Array = NDArray[np.float64]
 # Samples of a run that are looked at, and share of the signal at the place that a law's amplitude tries.
@@ -148,14 +148,20 @@ def _likeliest(group: Sequence[tuple[Candidate, Array]]) -> tuple[Candidate, Arr
 
     An input comes before an output, both before a derivative.
     """
-    odds = {one.law.name: 0.0 for one, _ in group}
-    for (name, _), law in {(one.law.name, one.place.component): one.law for one, _ in group}.items():
-        odds[name] += law.odds
+    odds = odds_of([one for one, _ in group])
     name = max(odds, key=lambda one: odds[one])
     alike = [each for each in group if each[0].law.name == name]
     order = (Kinds.INPUT, Kinds.OUTPUT, Kinds.RATE)
     near = [each for each in alike if each[0].place.component == alike[0][0].place.component]
     return min(near, key=lambda each: order.index(each[0].place.kind))
+
+
+def odds_of(alike: Sequence[Candidate]) -> dict[str, float]:
+    """How likely laws that act the same are, by name; each counts once at a component."""
+    odds = {one.law.name: 0.0 for one in alike}
+    for (name, _), law in {(one.law.name, one.place.component): one.law for one in alike}.items():
+        odds[name] += law.odds
+    return odds
 
 
 def _basis(columns: Array) -> Array:

@@ -20,7 +20,7 @@ from .model import StateModel
 from .places import Ranked, Runs, rank, smoothed_at
 from .played import PlayedModel
 from .polish import Polished, Replays, polished
-from .score import SAMPLES, Scores, scored
+from .score import SAMPLES, Scores, odds_of, scored
 from .separate import Experiment, Simulable, separating
 
 __all__ = ["Answer", "answer"]
@@ -153,6 +153,8 @@ class _Search:
 
     def explained(self, found: Sequence[tuple[Fitted, Polished]]) -> bool:
         """Whether some laws leave little more than the noise, or close nearly all of the gap."""
+        if not found:
+            return False
         least = min((one for _, one in found), key=lambda one: one.remains)
         if least.remains < _EXPLAINED:
             return least.length < _WHITE
@@ -392,11 +394,11 @@ class _Search:
             for fit in self.tried(some.pairs(_BESIDE), begin)
         ]
         for one in _families(singles)[:_BEAM]:
-            if not found or not self.explained(found):
+            if not self.explained(found):
                 more = self.scores(one).candidates
                 found += self.tried([[two] for two in more if two.law.states == 0][:_BESIDE], one)
         for one in singles[:1]:
-            if not found or not self.explained(found):
+            if not self.explained(found):
                 rare = self.scores(one, late=True).candidates
                 found += self.tried([[two] for two in spread_out(rare, _BESIDE, 1)], one)
         return found
@@ -624,9 +626,8 @@ def _among(best: Fitted, twins: Mapping[str, Sequence[Candidate]]) -> float:
     """Share of the answer among laws that act the same on these logs, each once at a component."""
     share = 1.0
     for one in best.laws:
-        alike = {(two.law.name, two.place.component): two.law.odds for two in (one, *twins.get(one.name, ()))}
-        own = sum(odds for (name, _), odds in alike.items() if name == one.law.name)
-        share *= own / sum(alike.values())
+        odds = odds_of([one, *twins.get(one.name, ())])
+        share *= odds[one.law.name] / sum(odds.values())
     return share
 
 
