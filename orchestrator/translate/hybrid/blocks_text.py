@@ -8,7 +8,8 @@ from orchestrator.base.errors import listed
 
 from .dae import Condition, DaeModel
 from .expression import Expr
-from .structure import Block, System
+from .matching import Block
+from .structure import System
 
 __all__ = ["blocks_text"]
 

@@ -12,8 +12,9 @@ from .adapted import MARK
 from .dae import Scalar
 from .expression import Expr
 from .functions import function_code
+from .matching import Block
 from .sparsity import colours_of, columns_of, factors_of
-from .structure import Block, System
+from .structure import System
 from .tables import table_code
 
 __all__ = ["Layout", "Port", "generate_hybrid_c", "layout_of", "margins_of"]
@@ -259,6 +260,7 @@ def generate_hybrid_c(layout: Layout, identifier: str) -> str:
         _discretes(layout, writer),
         _reinits(layout, writer),
         _actions(layout, writer),
+        _contradiction(layout, writer),
         _function(
             "void hybrid_constraints(const Hybrid *h, double *r)",
             writer.statements([(f"r[{n}]", one) for n, one in enumerate(system.constraints)]),
@@ -499,6 +501,14 @@ def _actions(layout: Layout, writer: _Writer) -> str:
     return _function("void hybrid_actions(const Hybrid *h, double *a)", lines, "a")
 
 
+def _contradiction(layout: Layout, writer: _Writer) -> str:
+    lines = []
+    for number, one in enumerate(layout.system.checks, 1):
+        body = writer.statements([("const double holds", one.holds)], "        ")
+        lines += ["    {", *body, f"        if (holds == 0) return {number};", "    }"]
+    return _function("int hybrid_contradiction(const Hybrid *h)", [*lines, "    return 0;"])
+
+
 def _array(kind: str, name: str, values: Iterable[object]) -> str:
     found = ", ".join(map(str, values)) or "0"
     return f"static const {kind} {name}[] = {{{found}}};"
@@ -528,6 +538,7 @@ def _tables(layout: Layout) -> str:
         _array("double", "nominals", (repr(one) for one in nominals)),
         _array("char *const", "mode_names", (c_string(_mode(one, layout)) for one in model.modes)),
         _array("char *const", "delayed_names", (c_string(one.shown) for one in model.delays)),
+        _array("char *const", "checked", (c_string(one.shown) for one in system.checks)),
         _array("double", "phases", (repr(one) for one, _ in model.clocks)),
         _array("double", "periods", (repr(one) for _, one in model.clocks)),
         _array("double", "instants", map(repr, model.instants)),
@@ -569,7 +580,7 @@ def _tables(layout: Layout) -> str:
         layout.use_slot, layout.use_slot + 1, layout.use_slot + 2,
         int(any(ex.symbol("homotopy") in one.free for one in _initial_expressions(system))),
         max(colours, default=-1) + 1, "colours", "column_starts", "rows", "&factors" if factors else "0",
-        len(model.delays), layout.history_slot, "delayed_names",
+        len(model.delays), layout.history_slot, "delayed_names", "checked",
     ]  # fmt: skip
     return "\n".join([*arrays, f"const HybridInfo hybrid_info = {{{', '.join(map(str, values))}}};"])
 

@@ -15,7 +15,7 @@
 #include "runtime.h"
 #include "stepmodel.h"
 
-enum { FINE, BLOCK, STEP_SIZE, MODES, CHATTERING, DISCRETES, ACTION, MEMORY, CONSTRAINTS, HISTORY, LAG };
+enum { FINE, BLOCK, STEP_SIZE, MODES, CHATTERING, DISCRETES, ACTION, MEMORY, CONSTRAINTS, HISTORY, LAG, START };
 #define OUTCOME(code, index) ((code) * 1000000 + (index))
 
 static const double TOLERANCE = 1e-9;    /* relative, per internal step */
@@ -936,6 +936,7 @@ static int initialise(Work *w)
         z[i->done_slot] = 1;
         history_begin(&w->h);
         if (history_refused(&w->h)) status = OUTCOME(LAG, history_refused(&w->h) - 1);
+        if (hybrid_contradiction(&w->h)) status = OUTCOME(START, hybrid_contradiction(&w->h) - 1);
     }
     w->h.initial = 0;
     for (int k = 0; k < i->n_settable; k++) z[i->settable_lasts[k]] = z[i->settable_slots[k]];
@@ -1204,6 +1205,10 @@ void step_message(int outcome, const StepPoint *at, const char *name, Text *text
     case LAG:
         text_add(text, "the delay time has to be above 0 s: ");
         text_add(text, i->delayed_names[index]);
+        break;
+    case START:
+        text_add(text, "initialisation: the other equations contradict ");
+        text_add(text, i->checked[index]);
         break;
     default: text_add(text, "no memory");
     }

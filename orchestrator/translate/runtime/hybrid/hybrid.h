@@ -76,6 +76,7 @@ typedef struct {
     const HybridFactors *factors;         /* NULL: dense */
     int n_delays, history_slot;           /* delay operators: at most HISTORY_MOST */
     const char *const *delayed_names;
+    const char *const *checked;           /* names for hybrid_contradiction */
 } HybridInfo;
 
 enum { HISTORY_MOST = 64, HISTORY_SEGMENTS = 2048, HISTORY_ROOM = 6 + 8 * HISTORY_SEGMENTS };
@@ -97,6 +98,7 @@ void hybrid_conditions(const Hybrid *, const double *before, double *c, double *
 void hybrid_discretes(const Hybrid *);
 int hybrid_reinits(const Hybrid *);              /* whether a state is set */
 void hybrid_actions(const Hybrid *, double *a);  /* [actions] 1: has to be reported */
+int hybrid_contradiction(const Hybrid *);        /* number from 1 of a redundant initial equation that fails; 0 */
 void hybrid_constraints(const Hybrid *, double *r);
 void hybrid_outputs(const Hybrid *, double *w);
 void hybrid_delays(const Hybrid *, double *operands, double *lags);

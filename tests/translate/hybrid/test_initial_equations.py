@@ -1,0 +1,94 @@
+"""FMUs of models that give their start more than once, against exact solutions."""
+
+from __future__ import annotations
+
+import math
+
+import fmpy
+import pytest
+
+pytest.importorskip("rumoca", reason="needs the extra build")
+
+from test_hybrid_models import made, run
+
+from orchestrator.base.errors import BuildError
+
+SURPLUS = """
+model M
+  parameter Real k = 3;
+  Real x(start=2, fixed=true), y, z;
+initial equation
+  x = 2;
+  y = k*x;
+  der(z) = 0;
+  z = 6;
+equation
+  der(x) = -x;
+  der(y) = -y;
+  der(z) = y - z;
+end M;
+"""
+NONLINEAR = """
+model M
+  parameter Real e = 5;
+  Real x, y;
+initial equation
+  x*x*x + x = 10;
+  exp(y) = exp(e);
+  y = x*x + 1;
+equation
+  der(x) = -x;
+  der(y) = -2*y;
+end M;
+"""
+
+
+def test_redundant_initial_equations_that_agree_are_accepted(tmp_path):
+    """z' = y - z from z = y = 6: z = 6(1 + t) exp(-t)."""
+    found = run(made(tmp_path, SURPLUS), 1.0, 0.5, "x", "y", "z")
+    for k, t in enumerate((0.0, 0.5, 1.0)):
+        assert found["x"][k] == pytest.approx(2 * math.exp(-t), rel=1e-6)
+        assert found["z"][k] == pytest.approx(6 * (1 + t) * math.exp(-t), rel=1e-6)
+
+
+def test_a_redundant_equation_that_a_parameter_breaks_ends_the_start(tmp_path):
+    fmu = made(tmp_path, SURPLUS)
+    said: list[str] = []
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        run(fmu, 1.0, 0.5, "z", start_values={"k": 4.0}, logger=lambda *one: said.append(one[-1].decode()))
+    assert any("contradict the initial equation of line 9 for z" in one for one in said)
+
+
+def test_redundancy_behind_a_nonlinear_equation_is_checked_at_the_start(tmp_path):
+    """x = 2 is the real root of x^3 + x = 10; then y = 5 on both ways."""
+    fmu = made(tmp_path, NONLINEAR)
+    found = run(fmu, 1.0, 1.0, "x", "y")
+    assert found["x"][0] == pytest.approx(2, rel=1e-9)
+    assert found["y"][-1] == pytest.approx(5 * math.exp(-2), rel=1e-6)
+    said: list[str] = []
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        run(fmu, 1.0, 1.0, "x", start_values={"e": 6.0}, logger=lambda *one: said.append(one[-1].decode()))
+    assert any("contradict the initial equation" in one and "y" in one for one in said)
+
+
+@pytest.mark.parametrize("gap", ["6.1", "6.003"])
+def test_redundant_initial_equations_that_contradict_are_refused_by_name(tmp_path, gap):
+    with pytest.raises(BuildError, match=r"M\.mo:9:3: too many initial .*: this one for z .* off by 0\."):
+        made(tmp_path, SURPLUS.replace("z = 6", f"z = {gap}"))
+
+
+def test_fixed_starts_of_a_rigid_coupling_have_to_agree(tmp_path):
+    """Two masses that move as one: the second start is redundant, whether it agrees or not."""
+    text = """
+model M
+  Real v(start=3, fixed=true), w(start=6, fixed=true), f;
+equation
+  der(v) = f - v;
+  2*der(w) = -f;
+  w = 2*v;
+end M;
+"""
+    found = run(made(tmp_path, text), 1.0, 1.0, "v", "w")
+    assert found["w"][-1] == pytest.approx(6 * math.exp(-1 / 5), rel=1e-6)
+    with pytest.raises(BuildError, match="start value of w must not have fixed=true, since it is off by 1"):
+        made(tmp_path, text.replace("start=6", "start=5"))
