@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base import graph
 from ..base.errors import ConfigError, OrchestratorError, Problem, listed, nearest
 from .margins import Crossover, Margins, gain_crossovers
+from .statespace import differentiation
 
 if TYPE_CHECKING:
     import control
@@ -374,7 +375,7 @@ class DelaySystem:
         a[:n, :n], b[:n], c[:, :n] = self.a, self.b, self.c
         # u = K0 (C x + D u) + F v, with v the ends of the lines.
         ends = np.zeros((m, size))
-        derivative = _differentiation(order)
+        derivative = differentiation(order)
         into = np.zeros((size, p))
         for index, (delay, source) in enumerate(delayed):
             low = n + index * order
@@ -764,20 +765,6 @@ def _contracts(matrix: Array) -> bool:
 def _owner(port: str) -> str:
     """The block that a port belongs to: its instance, or a connection's filter."""
     return port if FILTER in port else port.partition(".")[0]
-
-
-def _differentiation(order: int) -> Array:
-    """d/dtheta at Chebyshev points from 0 to -1, for a line of unit length; shape (order + 1,) squared."""
-    nodes = 0.5 * (np.cos(np.pi * np.arange(order + 1) / order) - 1.0)
-    weights = np.ones(order + 1)
-    weights[[0, -1]] = 0.5
-    weights[1::2] *= -1.0
-    gaps = nodes[:, None] - nodes[None, :]
-    np.fill_diagonal(gaps, 1.0)
-    made = weights[None, :] / weights[:, None] / gaps
-    np.fill_diagonal(made, 0.0)
-    np.fill_diagonal(made, -made.sum(axis=1))
-    return made
 
 
 def _real_crossings(response: Any, omega: Array, value: Complex) -> list[tuple[float, float]]:

@@ -29,6 +29,7 @@ from ..system.signal_vector import Signals
 from ..system.system import Instance
 from .connections import effect_note, effect_path, known_effects
 from .delay_system import FILTER, DelaySystem, Link, Modes
+from .inner_delays import InnerDelay, inner_delays
 from .margins import Margins
 from .measured_part import answer, measured_part, passage
 from .measured_samples import sampled_law, sampling
@@ -71,6 +72,7 @@ class Linearised:
         notes: what was measured, assumed or left out, one sentence each.
         parts: the state space of each instance, by its name.
         late: inputs that act after a delay within their FMU, as "robot.command".
+        inner: delays between states of instances, by their name.
         laws: of instances whose equations a measure of the config knows, or that sample.
         told: those whose law a measure of the config knows.
         start: start values of the operating point that a measure of the config chose, by instance and
@@ -83,6 +85,7 @@ class Linearised:
     parts: Mapping[str, StateSpace]
     late: Mapping[str, LateInput]
     laws: Mapping[str, Law] = field(default_factory=dict)
+    inner: Mapping[str, tuple[InnerDelay, ...]] = field(default_factory=dict)
     told: tuple[str, ...] = ()
     start: Mapping[str, Mapping[str, Any]] | None = field(default_factory=dict)
 
@@ -203,6 +206,7 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
     parts: dict[str, StateSpace] = {}
     known = dict(laws)
     hidden: dict[str, LateInput] = {}
+    inner: dict[str, tuple[InnerDelay, ...]] = {}
     point: dict[str, float] = {}
     fed = {str(connection.target) for connection in system.connections}
     seen = {str(leg) for connection in system.connections for leg in _sources(connection)}
@@ -259,6 +263,10 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
                 if isinstance(found, str) and not all(_acts(part, name) for name in inputs):
                     problems.append(Problem(one.name, f"it {why}, and {found}", "", _MEASURE))
                     continue
+            if refusal(one) is None:
+                inner[one.name], unknown = inner_delays(one, part, values, prepared)
+                notes += [_inner_note(one, part, each) for each in inner[one.name]]
+                notes += [f"{one.name}: {unknown}"] if unknown else []
             for name in inputs:
                 _behind(one, part, name, values, prepared, hidden, notes, problems)
     chains, wrong = chains_of(system.connections, notes)
@@ -273,8 +281,10 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
     paths = {name: (one,) for name, one in hidden.items()}
     for name, law in known.items():
         paths |= {f"{name}.{port}": late for port, late in law.late.items()}
-    closed = _closed([part.named(name) for name, part in parts.items()], chains, paths)
-    return Linearised(closed, point, tuple(dict.fromkeys(notes)), parts, hidden, known, tuple(laws))
+    closed = _closed(parts, chains, paths, inner)
+    return Linearised(
+        closed, point, tuple(dict.fromkeys(notes)), parts, hidden, known, inner=inner, told=tuple(laws)
+    )
 
 
 def _by_samples(
@@ -328,6 +338,15 @@ def _by_steps(
     count = f"{len(part.states)} state{'' if len(part.states) == 1 else 's'}"
     text = f"{one.name} {why}; its step response was measured: {count}{within}, error {100 * error:.2g} %"
     return part, late, [text] if read else []
+
+
+def _inner_note(one: Instance, part: StateSpace, inner: InnerDelay) -> str:
+    columns = np.array([*part.states, *part.inputs])[np.flatnonzero(inner.seen)]
+    rows = np.array([*part.states, *part.outputs])[np.flatnonzero([*inner.gains, *inner.through])]
+    return (
+        f"{one.name}: {listed(map(str, columns))} acts on {listed(map(str, rows))} after a delay of "
+        f"{inner.delay:.9g} s within the FMU (measured)"
+    )
 
 
 def _acts(part: StateSpace, name: str) -> bool:
@@ -448,8 +467,12 @@ def chains_of(connections: Iterable[Connection], notes: list[str]) -> tuple[list
 
 
 def _closed(
-    parts: list[StateSpace], chains: list[Chain], hidden: Mapping[str, tuple[LateInput, ...]]
+    own: Mapping[str, StateSpace],
+    chains: list[Chain],
+    hidden: Mapping[str, tuple[LateInput, ...]],
+    inner: Mapping[str, tuple[InnerDelay, ...]],
 ) -> DelaySystem:
+    parts = [part.named(name) for name, part in own.items()]
     lags = [(index, place, lag) for index, one in enumerate(chains) for place, lag in enumerate(one.lags)]
     blocks = [(one.a, one.b, one.c, one.d) for one in parts]
     states = [name for one in parts for name in one.states]
@@ -481,6 +504,18 @@ def _closed(
                 inputs.append(f"{name} delayed")
         first, row = first + len(part.states), row + len(part.outputs)
     links = []
+    first, entry, row = 0, 0, 0
+    for name, part in own.items():
+        n, m, p = len(part.states), len(part.inputs), len(part.outputs)
+        for number, path in enumerate(inner.get(name, ()), 1):
+            # What is delayed is an output, and what comes back an input of the instance.
+            b, d, c = np.pad(b, ((0, 0), (0, 1))), np.pad(d, ((0, 1), (0, 1))), np.pad(c, ((0, 1), (0, 0)))
+            b[first : first + n, -1], d[row : row + p, -1] = path.gains, path.through
+            c[-1, first : first + n], d[-1, entry : entry + m] = path.seen[:n], path.seen[n:]
+            inputs.append(f"{name}.delay[{number}]")
+            outputs.append(f"{name}.delay[{number}]")
+            links.append(Link(f"{inputs[-1]}{FILTER}", len(outputs) - 1, len(inputs) - 1, 1.0, path.delay))
+        first, entry, row = first + n, entry + m, row + p
     for name, places in behind.items():
         if len(places) == 1:
             continue

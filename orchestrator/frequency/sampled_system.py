@@ -30,6 +30,7 @@ from ..system.signal_vector import Layout
 from .connections import Feed
 from .delay_system import Mode
 from .from_system import Linearised
+from .inner_delays import with_lines
 from .statespace import LateInput, Law, StateSpace
 
 __all__ = ["Late", "SampledPart", "SampledSystem", "sampled_part", "sampled_system"]
@@ -241,7 +242,7 @@ class Part:
 
     def __init__(self, space: StateSpace, late: Mapping[str, LateInput], step: float, order: int) -> None:
         self.space, self.step, self.order = space, step, order
-        n = len(space.states)
+        n = len(space.a)
         self.transition, *self.fed = _over(space.a, space.b, step)
         self.late = []
         self.size = n
@@ -252,7 +253,8 @@ class Part:
             whole = math.floor(one.delay / step + 1e-9)
             rest = max(one.delay - whole * step, 0.0)
             rest = rest if rest > 1e-9 * step else 0.0
-            column = one.gains[:, None]
+            column = np.zeros((n, 1))
+            column[: len(one.gains), 0] = one.gains
             after = scipy.linalg.expm(space.a * (step - rest))
             first = [after @ one for one in _integrals(space.a, column, rest)]
             second = _integrals(space.a, column, step - rest)
@@ -263,7 +265,7 @@ class Part:
 
     def advance(self, z: Array, course: Sequence[Array]) -> tuple[Array, Array]:
         """State and outputs at the step's end; `course`: inputs and their derivatives at its begin."""
-        n, columns = len(self.space.states), z.shape[1]
+        n, columns = len(self.space.a), z.shape[1]
         x = self.transition @ z[:n]
         for gain, value in zip(self.fed, course, strict=False):
             x = x + gain @ value
@@ -327,7 +329,7 @@ def sampled_part(
     if law is not None and law.sampled is not None:
         return SampledPart(law, law.sampled, samples)
     late = {port: linear.late[f"{name}.{port}"] for port in space.inputs if f"{name}.{port}" in linear.late}
-    return Part(space, late, step, order)
+    return Part(with_lines(space, linear.inner.get(name, ())), late, step, order)
 
 
 def _ahead(course: Sequence[Array] | Array, time: float) -> list[Array]:

@@ -15,7 +15,16 @@ from ..fmi import Causality, Fmu, FmuInstance, Kind, Value
 from ..system.connection import Port
 from .linearise import load
 
-__all__ = ["LateInput", "Law", "StateSpace", "linearised", "real_ports", "state_names", "state_space"]
+__all__ = [
+    "LateInput",
+    "Law",
+    "StateSpace",
+    "differentiation",
+    "linearised",
+    "real_ports",
+    "state_names",
+    "state_space",
+]
 
 Array = NDArray[np.float64]
 
@@ -226,3 +235,17 @@ def _hidden(name: str, part: StateSpace, outputs: Iterable[str]) -> list[Problem
         )
         for one in unmoved
     ]
+
+
+def differentiation(order: int) -> Array:
+    """d/dtheta at Chebyshev points from 0 to -1, for a line of unit length; shape (order + 1,) squared."""
+    nodes = 0.5 * (np.cos(np.pi * np.arange(order + 1) / order) - 1.0)
+    weights = np.ones(order + 1)
+    weights[[0, -1]] = 0.5
+    weights[1::2] *= -1.0
+    gaps = nodes[:, None] - nodes[None, :]
+    np.fill_diagonal(gaps, 1.0)
+    made = weights[None, :] / weights[:, None] / gaps
+    np.fill_diagonal(made, 0.0)
+    np.fill_diagonal(made, -made.sum(axis=1))
+    return made

@@ -17,6 +17,7 @@ from ..master.running_instances import instantiate
 from ..simulation.run import Prepared
 from ..system.system import Instance, System
 from .from_system import chains_of, refusal
+from .inner_delays import initial_gains
 from .statespace import StateSpace, linearised, real_ports, state_names
 
 __all__ = ["Trimmed", "TrimmedState", "trim", "trim_text"]
@@ -27,7 +28,6 @@ Array = NDArray[np.float64]
 _AT_REST = 1e-9
 _MOST = 200
 _LAST = 3
-_CHANGE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -230,33 +230,20 @@ class _Search:
                 known = running.get_values([name for pair in own for name in pair] + list(inputs))
                 values += [float(known[state]) for _, state in own]
                 rates += [float(known[rate]) for rate, _ in own]
-                parts.append((one, self._with_late(one, part, {name: known[name] for name in inputs})))
+                parts.append((one, self._at_rest(one, part, known)))
         slopes = self._slopes([part.named(one.name) for one, part in parts])
         return _At(np.array(values), np.array(rates), slopes)
 
-    def _with_late(self, one: Instance, part: StateSpace, inputs: Mapping[str, Any]) -> StateSpace:
-        """With the steady effect of inputs behind a delay: at the start it passes on its input."""
-        b = part.b.copy()
-        for index, name in enumerate(part.inputs):
-            if b[:, index].any() or part.d[:, index].any() or not part.states:
-                continue
-            value = float(inputs[name])
-            change = _CHANGE * max(abs(value), float(one.variable(name).nominal or 1.0))
-            begin, end = (self._rates(one, {**inputs, name: value + more}) for more in (0.0, change))
-            b[:, index] = (end - begin) / change
-        return replace(part, b=b)
-
-    def _rates(self, one: Instance, inputs: Mapping[str, Any]) -> Array:
-        grid = self.prepared.grid
-        instance = one.fmu.instantiate(f"{one.name} trimmed")
-        try:
-            instance.enter_initialisation(float(grid.start), {**one.start, **inputs}, float(grid.stop))
-            instance.exit_initialisation()
-            rates = [rate for rate, _ in state_names(one.fmu)]
-            known = instance.get_values(rates)
-            return np.array([float(known[rate]) for rate in rates])
-        finally:
-            instance.free()
+    def _at_rest(self, one: Instance, part: StateSpace, values: Mapping[str, Any]) -> StateSpace:
+        """With the steady effect of delays within the FMU: at the start they pass on what they are given."""
+        made, n = initial_gains(one, part, values, self.prepared, idle=True), len(part.states)
+        return replace(
+            part,
+            a=part.a + made[:n, :n],
+            b=part.b + made[:n, n:],
+            c=part.c + made[n:, :n],
+            d=part.d + made[n:, n:],
+        )
 
     def _slopes(self, parts: Sequence[StateSpace]) -> Array:
         a, b, c, d = (scipy.linalg.block_diag(*(getattr(one, name) for one in parts)) for name in "abcd")

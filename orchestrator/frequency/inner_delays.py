@@ -1,0 +1,385 @@
+"""Delays between the states of an FMU, which directional derivatives do not show.
+
+Where an output or a derivative passes through a delay, directional derivatives treat the delayed value as a
+constant. An initialisation from other start values moves it: a delay begins with what it is given then. The
+difference gives the total gain of all delays. Runs that differ in a start value or an input give the times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import minimize_scalar
+
+from ..base.errors import OrchestratorError, listed
+from ..fmi import FmuInstance, Point, StepStatus
+from ..simulation.run import Prepared
+from ..system.system import Instance
+from .statespace import StateSpace, differentiation, linearised, state_names
+
+__all__ = ["InnerDelay", "initial_gains", "inner_delays", "with_lines"]
+
+Array = NDArray[np.float64]
+
+# Change of a start value or an input, relative to its value or nominal one.
+_CHANGE = 1e-4
+# A difference of an output or a derivative below this share of its own counts as none.
+_SEEN = 1e-4
+# Steps of the runs, and steps in a communication step; samples that a delay is fitted to.
+_STEPS = (64, 512, 5_000)
+_FINE = (1, 8, 64)
+_WINDOWS = (24, 12, 6)
+# What a fit may leave, relative to what it explains: with the gains that are left, and with others.
+_LEFT, _OTHER = 1e-4, 1e-3
+_MOST = 4
+# Points of a line that stands for a delay in the sampled system.
+_POINTS = 40
+
+
+@dataclass(frozen=True)
+class InnerDelay:
+    """A delay within an FMU between its own states.
+
+    Attributes:
+        delay: [s].
+        seen: share of each state and input in what is delayed, shape (n + m,).
+        gains: what the delayed value adds to each state's derivative, shape (n,).
+        through: what it adds to each output, shape (p,).
+    """
+
+    delay: float
+    seen: Array
+    gains: Array
+    through: Array
+
+
+def initial_gains(
+    one: Instance, part: StateSpace, values: Mapping[str, Any], prepared: Prepared, idle: bool = False
+) -> Array:
+    """What initialisation adds to directional derivatives: gains of delays, which begin with their operand.
+
+    Args:
+        part: by directional derivatives; values: of its states and inputs at the operating point, FMU's
+            units.
+        idle: with inputs that act on nothing at once, too.
+    Returns: shape (n + p, n + m); 0 where a state has no start value that can be set.
+    """
+    return _Runs(one, part, values, prepared, idle).gains()
+
+
+def inner_delays(
+    one: Instance, part: StateSpace, values: Mapping[str, Any], prepared: Prepared
+) -> tuple[tuple[InnerDelay, ...], str]:
+    """The delays between states of an FMU, and of inputs that act on something at once, too.
+
+    Args: as `initial_gains`.
+    Returns: the delays, and what could not be found; empty if nothing is left out.
+    """
+    runs = _Runs(one, part, values, prepared)
+    try:
+        gains = runs.gains()
+        if not gains.any():
+            return (), ""
+        found = runs.found(gains)
+    except OrchestratorError:  # it refuses to run on its own
+        return (), ""
+    if isinstance(found, str):
+        return (), found
+    return found, ""
+
+
+class _Runs:
+    """Runs of one FMU on its own from changed start values."""
+
+    def __init__(
+        self,
+        one: Instance,
+        part: StateSpace,
+        values: Mapping[str, Any],
+        prepared: Prepared,
+        idle: bool = False,
+    ) -> None:
+        self.one, self.part, self.prepared = one, part, prepared
+        self.rates = [rate for rate, _ in state_names(one.fmu)]
+        self.rows = [*self.rates, *part.outputs]
+        self.columns = [*part.states, *part.inputs]
+        self.values = {name: float(values[name]) for name in self.columns}
+        acts = np.vstack([part.b, part.d]).any(axis=0)
+        self.chosen = [
+            column
+            for column, name in enumerate(self.columns)
+            if (column < len(part.states) and one.variable(name).settable)
+            or (column >= len(part.states) and (idle or acts[column - len(part.states)]))
+        ]
+        self.heights = np.array(
+            [
+                _CHANGE * (abs(value) or float(one.variable(name).nominal or 1.0))
+                for name, value in self.values.items()
+            ]
+        )
+        self.jacobian = np.block([[part.a, part.b], [part.c, part.d]])
+
+    def begun(self, changes: Array) -> FmuInstance:
+        """An instance that is initialised with changed states and inputs, shape (n + m,)."""
+        grid, part = self.prepared.grid, self.part
+        instance = self.one.fmu.instantiate(f"{self.one.name} linearised")
+        start = {name: self.values[name] + changes[column] for column, name in enumerate(self.columns)}
+        start = {name: value for name, value in start.items() if self.one.variable(name).settable}
+        try:
+            inputs = np.array([self.values[name] for name in part.inputs])
+            instance.bind(list(part.inputs), inputs, [], np.zeros(0))
+            instance.enter_initialisation(float(grid.start), {**self.one.start, **start}, None)
+            instance.exit_initialisation()
+        except BaseException:
+            instance.free()
+            raise
+        return instance
+
+    def initial(self, changes: Array) -> Array:
+        instance = self.begun(changes)
+        try:
+            return self.read(instance, self.rows)
+        finally:
+            instance.free()
+
+    @staticmethod
+    def read(instance: FmuInstance, names: list[str]) -> Array:
+        known = instance.get_values(list(dict.fromkeys(names)))
+        return np.array([float(known[name]) for name in names])
+
+    def gains(self) -> Array:
+        """See `initial_gains`."""
+        found = np.zeros_like(self.jacobian)
+        if not self.chosen or not self.rows:
+            return found
+        # All at once first: most FMUs have no delay.
+        draw = np.random.default_rng(1)
+        share = np.zeros(len(self.columns))
+        share[self.chosen] = draw.uniform(0.5, 1.0, len(self.chosen)) * draw.choice([-1.0, 1.0])
+        if not self._remaining(share * self.heights).any():
+            return found
+        for column in self.chosen:
+            changes = np.zeros(len(self.columns))
+            changes[column] = self.heights[column]
+            found[:, column] = self._remaining(changes) / self.heights[column]
+        return found
+
+    def _remaining(self, changes: Array) -> Array:
+        """What rows change by, beside the directional derivatives; 0 where that is rounding."""
+        up, down = self.initial(changes), self.initial(-changes)
+        expected = self.jacobian @ changes
+        made = 0.5 * (up - down) - expected
+        size = np.maximum(abs(self.jacobian) @ abs(changes), abs(made))
+        small = abs(made) < _SEEN * size + 1e-12 * np.maximum(abs(up), abs(down))
+        return np.where(small, 0.0, made)
+
+    def found(self, gains: Array) -> tuple[InnerDelay, ...] | str:
+        """The delays behind total gains, or what is not found."""
+        rows = np.flatnonzero(gains.any(axis=1))
+        columns = np.flatnonzero(gains.any(axis=0))
+        delays: dict[int, list[tuple[float, Array]]] = {}
+        fine, place = _FINE[0], 0
+        while place < len(_STEPS):
+            times, moved, left = self.courses(columns, _STEPS[place], fine)
+            early = False
+            for row in rows:
+                if row in delays:
+                    continue
+                # A jump of an input bends the course of states: without need it is left out.
+                fed = gains[row, len(self.part.states) :].any()
+                runs = np.flatnonzero(fed | (columns < len(self.part.states)))
+                known = _Row(
+                    times, moved[0][:, runs], moved[1][:, runs], left[:, runs, row], self.heights
+                ).delays(gains[row])
+                early |= known == "early"
+                if not isinstance(known, str):
+                    delays[int(row)] = known
+            if len(delays) == len(rows):
+                return self._joined(delays)
+            if early and fine < _FINE[-1]:
+                fine = _FINE[_FINE.index(fine) + 1]
+            else:
+                place += 1
+        names = listed([self.rows[row] for row in rows if row not in delays])
+        before = listed([self.columns[column] for column in columns])
+        return f"{names} depends on what {before} was before, not by a delay that was found; that is left out"
+
+    def courses(self, columns: NDArray[np.intp], steps: int, fine: int) -> tuple[Array, Any, Array]:
+        """Runs that differ in one state or input each.
+
+        Returns: times, shape (k,); by how much states and inputs differ and the rates of that, shape (k,
+            runs, n + m); what outputs and derivatives differ by beside the directional derivatives, shape
+            (k, runs, n + p).
+        """
+        part, n = self.part, len(self.part.states)
+        begin, step = float(self.prepared.grid.start), float(self.prepared.grid.step_size) / fine
+        still = np.array([self.values[name] for name in part.inputs])
+        instances: list[FmuInstance] = []
+        inputs = [still.copy() for _ in range(len(columns) + 1)]
+        values: list[Array] = []
+        left: list[Array] = []
+        slopes: list[Array] = []
+        try:
+            for number in range(len(columns) + 1):
+                changes = np.zeros(len(self.columns))
+                if number and columns[number - 1] < n:
+                    changes[columns[number - 1]] = self.heights[columns[number - 1]]
+                instances.append(self.begun(changes))
+                instances[-1].bind(list(part.inputs), inputs[number], [], np.zeros(0))
+            names = [*part.states, *self.rows]
+            for index in range(steps + 1):
+                found = np.array([self.read(instance, names) for instance in instances])
+                found = found[1:] - found[0]
+                fed = np.array([one - still for one in inputs[1:]]).reshape(len(columns), -1)
+                here = linearised(self.one.fmu, instances[0], part.inputs, part.outputs)
+                jacobian = np.block([[here.a, here.b], [here.c, here.d]])
+                whole = np.hstack([found[:, :n], fed])
+                values.append(whole)
+                left.append(found[:, n:] - whole @ jacobian.T)
+                if index == 0:
+                    for number, column in enumerate(columns, 1):
+                        if column >= n:
+                            inputs[number][column - n] += self.heights[column]
+                            found[number - 1, n : 2 * n] += jacobian[:n, column] * self.heights[column]
+                slopes.append(np.hstack([found[:, n : 2 * n], np.zeros_like(fed)]))
+                status = StepStatus.OK
+                for instance in instances:
+                    instance.write_inputs()
+                    status = max(status, instance.do_step(Point(index, begin + index * step, step)))
+                if status > StepStatus.WARNING:
+                    break
+        finally:
+            for instance in instances:
+                instance.free()
+        return step * np.arange(len(values)), (np.array(values), np.array(slopes)), np.array(left)
+
+    def _joined(self, delays: Mapping[int, list[tuple[float, Array]]]) -> tuple[InnerDelay, ...]:
+        """Rows with the same delay together, each as few paths as their gains need."""
+        groups: list[tuple[float, Array]] = []
+        n = len(self.part.states)
+        for row, each in delays.items():
+            for delay, gain in each:
+                same = [whole for known, whole in groups if abs(known - delay) <= 1e-5 * delay]
+                if not same:
+                    same = [np.zeros_like(self.jacobian)]
+                    groups.append((delay, same[0]))
+                same[0][row] += gain
+        found = []
+        for delay, whole in groups:
+            scale = np.max(abs(whole * self.heights), axis=1, initial=0.0)
+            while True:
+                share = abs(whole * self.heights) / np.where(scale > 0.0, scale, 1.0)[:, None]
+                row, column = np.unravel_index(int(np.argmax(share)), share.shape)
+                if share[row, column] < 1e-3:
+                    break
+                seen, into = whole[row].copy(), whole[:, column] / whole[row, column]
+                found.append(InnerDelay(delay, seen, into[:n].copy(), into[n:].copy()))
+                whole = whole - np.outer(into, seen)
+        return tuple(found)
+
+
+class _Row:
+    """What one output or derivative remembers, in runs that differ in one state or input each."""
+
+    def __init__(self, times: Array, values: Array, slopes: Array, left: Array, heights: Array) -> None:
+        self.times, self.values, self.heights = times, values, heights
+        self.left = left - left[:1]
+        self.course = CubicHermiteSpline(times, values, slopes, axis=0) if len(times) > 1 else None
+
+    def delays(self, gains: Array) -> list[tuple[float, Array]] | str:
+        """Delays [s] and gains, shape (n + m,); "early" if the step is too long, "late" if the runs are too
+        short, else why there are none.
+        """
+        found: list[tuple[float, Array]] = []
+        rest, left = gains.copy(), self.left.copy()
+        size = np.max(abs(gains) * self.heights)
+        while np.max(abs(rest) * self.heights) > 1e-3 * size:
+            moved = np.flatnonzero(np.max(abs(left), axis=1) > 1e-6 * size)
+            if not moved.size or self.course is None:
+                return "late"
+            onset = int(moved[0])
+            if onset < 8:
+                return "early"
+            one = self._fitted(left, onset, rest)
+            if isinstance(one, str):
+                return one
+            found.append(one)
+            rest, left = rest - one[1], left - self._before(self.times, one[0]) @ one[1]
+            if len(found) > _MOST:
+                return "more delays than are looked for"
+        return found
+
+    def _before(self, times: Array, delay: float) -> Array:
+        """By how much states and inputs moved between the start and a delay ago, shape (k, runs, n + m)."""
+        ago = times - delay
+        made = self.course(np.maximum(ago, 0.0)) - self.values[0]
+        # Inputs jump at the start; a line between samples would be a ramp.
+        jumps = self.values[-1] - self.values[0]
+        constant = (self.values[1:] == self.values[1]).all(axis=0) & (jumps != 0.0)
+        made[:, constant] = np.broadcast_to(jumps, made.shape)[:, constant]
+        made[ago <= 0.0] = 0.0
+        return made
+
+    def _fitted(self, left: Array, onset: int, rest: Array) -> tuple[float, Array] | str:
+        step = self.times[1]
+        for window in _WINDOWS:
+            if onset + window > len(self.times):
+                return "late"
+            rows = np.arange(onset, onset + window)
+            wanted = left[rows].ravel()
+            norm = float(np.linalg.norm(wanted))
+
+            def design(delay: float, rows: Any = rows) -> Array:
+                return self._before(self.times[rows], delay).reshape(-1, len(self.heights))
+
+            def known(delay: float, design: Any = design, wanted: Any = wanted) -> float:
+                return float(np.linalg.norm(design(delay) @ rest - wanted))
+
+            def free(delay: float, design: Any = design, wanted: Any = wanted) -> tuple[float, Array]:
+                made = design(delay) / self.heights
+                gain, *_ = np.linalg.lstsq(made, wanted, rcond=1e-7)
+                return float(np.linalg.norm(made @ gain - wanted)), gain / self.heights
+
+            bounds = (self.times[onset] - 4.0 * step, self.times[onset])
+            delay, miss, sharp = _least(known, bounds)
+            if miss < _LEFT * norm:
+                return (delay, rest) if sharp else "an input acts at once and after a delay"
+            delay, miss, sharp = _least(lambda one, free=free: free(one)[0], bounds)
+            if miss < _OTHER * norm and sharp:
+                return delay, np.where(rest != 0.0, free(delay)[1], 0.0)
+        return "no delay"
+
+
+def _least(misfit: Any, bounds: tuple[float, float]) -> tuple[float, float, bool]:
+    """The delay with the least misfit, the misfit, and whether its neighbours are worse."""
+    places = np.linspace(*bounds, 41)
+    values = np.array([misfit(one) for one in places])
+    index = int(np.argmin(values))
+    low, high = places[max(index - 1, 0)], places[min(index + 1, 40)]
+    options = {"xatol": 1e-12 * bounds[1]}
+    found = minimize_scalar(misfit, bounds=(low, high), method="bounded", options=options)
+    best, value = (found.x, found.fun) if found.fun < values[index] else (places[index], values[index])
+    beside = misfit(best - 0.1 * (places[1] - places[0])) - value
+    return float(best), float(value), bool(beside > 1e-12 * np.max(values))
+
+
+def with_lines(space: StateSpace, inner: tuple[InnerDelay, ...]) -> StateSpace:
+    """The same with each delay as a line of Chebyshev points; their values are states without a name."""
+    for one in inner:
+        n, size = len(space.states), len(space.a)
+        seen = np.concatenate([one.seen[:n], np.zeros(size - n), one.seen[n:]])
+        line = differentiation(_POINTS) / one.delay
+        a = scipy.linalg.block_diag(space.a, line[1:, 1:])
+        b = np.vstack([space.b, np.outer(line[1:, 0], seen[size:])])
+        a[size:, :size] += np.outer(line[1:, 0], seen[:size])
+        a[:n, -1] += one.gains
+        c = np.hstack([space.c, np.zeros((len(space.c), _POINTS))])
+        c[:, -1] += one.through
+        space = replace(space, a=a, b=b, c=c)
+    return space
