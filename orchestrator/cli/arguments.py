@@ -5,13 +5,11 @@ from __future__ import annotations
 import json
 import os
 import sys
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
     from ..config import Config
 
@@ -19,7 +17,6 @@ __all__ = [
     "add_config",
     "add_json",
     "add_requests",
-    "check_yaml",
     "one_matrix_thread",
     "print_json",
     "requested_configs",
@@ -52,22 +49,6 @@ def add_config(parser: argparse.ArgumentParser, several: bool = False) -> None:
         help='change a value, for example robot.tau_m="6 ms" or run.step_size="50 us", of a single FMU '
         "start.k=3; may be given again",
     )
-
-
-def check_yaml(*paths: Path) -> None:
-    """Check the first of these files that exists before a command imports modules that load for seconds.
-
-    What is no text is left to the command.
-
-    Raises: ConfigError if the file is no YAML, or expands to more values than a config may have.
-    """
-    from ..config.text import compose
-
-    for path in paths:
-        if path.is_file():
-            with suppress(OSError, UnicodeDecodeError):
-                compose(path.read_text(encoding="utf-8"), str(path))
-            return
 
 
 def add_requests(parser: argparse.ArgumentParser) -> None:

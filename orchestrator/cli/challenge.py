@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from ..base.errors import ConfigError, Interrupted, Problem
+from ..config import load_config
 from ..results.file_formats import strict
 from ..results.progress import counting
-from .arguments import check_yaml, one_matrix_thread
+from .arguments import one_matrix_thread
 
 __all__ = ["add_arguments", "main"]
 
@@ -138,7 +139,11 @@ def _system(args: argparse.Namespace) -> int:
             [Problem("--random" if args.config is None else "--seed", f"got {first}", "at least 0")]
         )
     if args.config is not None:
-        check_yaml(args.config)
+        # Read before the search is imported, which takes seconds.
+        from ..diagnosis.study.reader import load_port_study
+        from ..diagnosis.study.study import is_port_study
+
+        (load_port_study if is_port_study(args.config) else load_config)(args.config)
     from ..diagnosis.blind.run import Order, check
     from ..diagnosis.blind.score import summary_text
 

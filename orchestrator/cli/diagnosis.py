@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from ..base.errors import ConfigError, Interrupted, OrchestratorError, Problem, listed
-from .arguments import check_yaml
 
 __all__ = ["add_arguments", "main"]
 
+# Of a case's diagnosis, as the progress bar counts.
+_STAGES = 8
 # Options of an earlier search of studies; the first one took no value.
 _GONE = ("--effects", "--practice", "--seed", "--jobs")
 
@@ -58,14 +59,8 @@ def main(args: argparse.Namespace) -> int:
         what, remedy = "is gone, with the search that weighed a list of effects", "Leave it out: "
         remedy += "`orchestrator diagnose STUDY` searches laws, and needs neither a list nor practice."
         raise ConfigError([Problem(one, what, remedy=remedy) for one in gone])
-    if len(args.cases) == 1:
-        case = args.cases[0]
-        check_yaml(*([case / "case.yaml", case / "study.yaml"] if case.is_dir() else [case]))
-    # Imported after the command is known to make sense: machine code takes a second to load.
-    from ..diagnosis.rig.diagnose import STAGES
-
     refused = failed = 0
-    bar = _Bar(len(args.cases) * len(STAGES), shown=not args.quiet)
+    bar = _Bar(len(args.cases) * _STAGES, shown=not args.quiet)
     for case, folder in zip(args.cases, folders, strict=True):
         bar.begin(case.name or str(case))
         try:
@@ -89,7 +84,7 @@ def main(args: argparse.Namespace) -> int:
             bar.write(f"orchestrator: {case}: {type(error).__name__}: {error}", sys.stderr)
             continue
         finally:
-            bar.end(len(STAGES))
+            bar.end(_STAGES)
         if args.json:
             bar.write(json.dumps(data, allow_nan=False, ensure_ascii=False), sys.stdout)
         elif not args.quiet:
@@ -104,11 +99,18 @@ def _diagnosed(args: argparse.Namespace, case: Path, folder: Path | None, bar: _
     """Diagnose one case. Returns: the content of diagnosis.json, and what a terminal shows."""
     from ..diagnosis.study.study import is_port_study
 
+    # Cases are read before what diagnoses is imported: machine code and SciPy take seconds to load.
     if is_port_study(case):
+        from ..diagnosis.study.reader import load_port_study
+
+        study = load_port_study(case)
         from ..diagnosis.unknown_input.diagnose import diagnose_system
 
-        found = diagnose_system(case, folder, report=not args.no_report, progress=bar.stage)
+        found = diagnose_system(study, folder, report=not args.no_report, progress=bar.stage)
         return found.data, str(found)
+    from ..diagnosis.rig.study import load_study
+
+    load_study(case)
     from ..diagnosis.rig.diagnose import diagnose
     from ..diagnosis.rig.report_text import text
 

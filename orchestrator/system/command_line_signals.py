@@ -88,10 +88,10 @@ def _recorded(
     for pattern in patterns:
         # An index, as in x[1], is no set of characters.
         plain = pattern.replace("[", "[[]")
-        matches = [
-            name for name in numeric if fnmatchcase(name, plain) or fnmatchcase(name.partition(".")[2], plain)
+        named = [
+            name for name in every if fnmatchcase(name, plain) or fnmatchcase(name.partition(".")[2], plain)
         ]
-        refused = [name for name in every if pattern in (name, name.partition(".")[2])]
+        matches, refused = ([name for name in named if (name in numeric) is held] for held in (True, False))
         if not matches and refused:
             what = f"{refused[0]} cannot be recorded"
             problems.append(Problem("--record", what, f"it is {every[refused[0]].unrecorded}"))

@@ -70,15 +70,27 @@ def test_what_expands_is_refused_wherever_a_command_reads_it(place, tmp_path, ca
     assert "its aliases stand for 102908548 values" in found and "Traceback" not in found
 
 
-@pytest.mark.parametrize("command", ["diagnose x.yaml", "challenge x.yaml --out made"])
-def test_what_expands_is_refused_before_modules_load_for_seconds(command, tmp_path):
+@pytest.mark.parametrize(
+    ("command", "status"),
+    [
+        ("diagnose x.yaml", 2), ("diagnose study.yaml", 2), ("diagnose all/a", 2),
+        ("challenge x.yaml --out made", 2), ("challenge study.yaml --out made", 2),
+        ("challenge run all --verdicts made", 1), ("sweep sweep.yaml --check", 2),
+    ],
+)  # fmt: skip
+def test_what_expands_is_refused_before_modules_load_for_seconds(command, status, tmp_path):
     (tmp_path / "x.yaml").write_text(BOMB, encoding="utf-8")
+    (tmp_path / "study.yaml").write_text("format: port-study/1\nsystem: x.yaml\nruns: []\n", encoding="utf-8")
+    (tmp_path / "sweep.yaml").write_text("format: sweep/1\nsystem: x.yaml\n", encoding="utf-8")
+    (tmp_path / "all/a").mkdir(parents=True)
+    (tmp_path / "all/a/case.yaml").write_text("format: gap-case/1\n" + BOMB, encoding="utf-8")
     program = "import sys; from orchestrator.cli.main import main; "
     program += f"status = main({command.split()}); "
-    program += "print(status, [one for one in sys.modules if one.startswith('orchestrator.diagnosis.')])"
+    program += "print(status, {'numba', 'scipy', 'matplotlib'} & {*sys.modules})"
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True)
-    assert done.stdout == "2 []\n" and "its aliases stand for" in done.stderr
-    assert [one.name for one in tmp_path.iterdir()] == ["x.yaml"]
+    assert done.stdout.splitlines()[-1] == f"{status} set()" and "its aliases stand for" in done.stderr
+    found = {one.name for one in tmp_path.iterdir()}
+    assert found - {"made"} == {"x.yaml", "study.yaml", "sweep.yaml", "all"}
 
 
 def test_aliases_are_taken_up_to_the_limit():

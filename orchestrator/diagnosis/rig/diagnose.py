@@ -21,10 +21,8 @@ from .finding import Finding
 from .study import Role, Study, case_file, load_study
 from .verdict import AUGMENTED, NAME, PAGE, Diagnosis, Runnable
 
-__all__ = ["STAGES", "diagnose"]
+__all__ = ["diagnose"]
 
-# What is shown of a diagnosis under way, in its order.
-STAGES = ("read", "check", "weigh", "where", "how far", "what next", "numerics", "write")
 # What a diagnosis writes.
 _FILES = (NAME, PAGE, AUGMENTED)
 # What runs that no fit saw say about something outside the catalogue.
@@ -48,12 +46,11 @@ def diagnose(
         out: folder to write to; nothing is written without it.
         parts: the analyses; all of this package by default.
         report: whether to write the page, too.
-        progress: receives each of `STAGES` as it begins.
+        progress: receives the name of each stage as it begins.
     Raises: ConfigError with all problems of the study and its logs; OrchestratorError if an analysis fails.
     """
     begin = perf_counter()
     progress("read")
-    parts = parts or Analyses.standard()
     source = None if isinstance(study, Study) else Path(study)
     study = study if isinstance(study, Study) else load_study(Path(study))
     progress("check")
@@ -61,6 +58,7 @@ def diagnose(
     if refused:
         raise ConfigError(refused)
     progress("weigh")
+    parts = parts or Analyses.standard()
     finding = parts.weigh(study)
     results = _analysed(parts, study, finding, progress)
     config = augmented_config(study, finding) if is_docking_lab(study) else None

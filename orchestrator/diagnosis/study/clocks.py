@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
-from scipy.signal import correlate
 
 from ...base.errors import Problem
 from ...system.connection import Port
@@ -213,6 +211,8 @@ def _shifted(study: PortStudy, log: Array, signal: Array, port: Port, longest: i
 
     Returns: shape (2 longest + 1,).
     """
+    from scipy.signal import correlate  # takes a second to load, and logs are read first
+
     middle = float(log.mean())
     log, model = log - middle, signal[study.settled :] - middle
     n, m = len(log), len(model)
@@ -271,6 +271,8 @@ def _least(
     study: PortStudy, logs: Signals, given: Signals, slopes: Signals, clock: _Clock, drift: bool
 ) -> _Clock:
     """Shifts, drifts and calibrated parameters by Gauss-Newton steps from the clock's shifts on."""
+    from scipy.interpolate import Akima1DInterpolator
+
     count = len(study.runs)
     x = np.concatenate([clock.shifts, np.zeros(count)])
     best = clock

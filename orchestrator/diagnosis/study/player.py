@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
 
 from ...base.errors import ConfigError, StepError
 from ...effects import Effect
@@ -320,6 +319,8 @@ def between(samples: Array, parts: int, held: bool = False) -> Array:
         return samples
     if held:
         return np.repeat(samples, parts)[: (len(samples) - 1) * parts + 1]
+    from scipy.interpolate import Akima1DInterpolator
+
     curve = Akima1DInterpolator(np.arange(len(samples)), samples)
     found: Array = curve(np.arange((len(samples) - 1) * parts + 1) / parts)
     found[::parts] = samples

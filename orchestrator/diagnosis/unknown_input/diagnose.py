@@ -52,7 +52,7 @@ class DiagnosedSystem:
 
 
 def diagnose_system(
-    path: Path | str,
+    study: PortStudy | Path | str,
     out: Path | str | None = None,
     *,
     report: bool = True,
@@ -61,12 +61,13 @@ def diagnose_system(
     """Find the law that a system of FMUs lacks.
 
     Args:
-        path: a study.yaml, or the folder that holds one. out: folder to write to; None: nothing is written.
+        study: or a study.yaml, or the folder that holds one.
+        out: folder to write to; None: nothing is written.
         report: whether to write the page, too. progress: takes the name of each stage.
     Raises: ConfigError with all problems of the study and its logs.
     """
     progress("read")
-    study = load_port_study(Path(path))
+    study = study if isinstance(study, PortStudy) else load_port_study(Path(study))
     progress("check")
     study, slow = in_native_form(study)
     refused, warned = check_logs(study)

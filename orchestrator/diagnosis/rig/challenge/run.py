@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 from ....base.errors import ConfigError, Problem
+from ....config import parse
 from ....fmi.workers import Work, pool_of
 from ..verdict import NAME
 from .cases import check_record, note_cases
@@ -53,9 +54,17 @@ def diagnose_all(
         )
     check_record(cases, verdicts)
     left = [case for case in cases if not (verdicts / case.name / NAME).is_file()]
-    failed: list[tuple[str, str]] = []
+    known, failed = len(cases) - len(left), list[tuple[str, str]]()
     for case in cases:
         if case not in left:
+            progress(case.name)
+    # What cannot be read is refused before a process loads what diagnoses.
+    for case in list(left):
+        try:
+            parse((case / "case.yaml").read_text(encoding="utf-8"), str(case / "case.yaml"))
+        except (ConfigError, OSError, UnicodeDecodeError) as error:
+            failed.append((case.name, f"{type(error).__name__}: {error}"))
+            left.remove(case)
             progress(case.name)
     if left:
         note_cases(left, verdicts)
@@ -67,7 +76,7 @@ def diagnose_all(
             if error:
                 failed.append((name, error))
             progress(name)
-    return len(left) - len(failed), sorted(failed)
+    return len(cases) - known - len(failed), sorted(failed)
 
 
 def _one(context: tuple[Path, str], case: Path) -> str:
