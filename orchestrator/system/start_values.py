@@ -104,7 +104,7 @@ def _without_value(
     problems: list[Problem],
     notes: list[str],
 ) -> list[Variable]:
-    """Inputs that need a value and have none; problems of those with two, notes of those that keep the FMU's own value."""
+    """Inputs that need a value and have none; problems of those with two, notes of those that keep it."""
     path = ("instances", part.name)
     inputs = part.fmu.description.inputs
     used = {
@@ -119,7 +119,7 @@ def _without_value(
         if variable.elements > 1 and variable.reference not in used:
             if variable.element == 0:
                 array = variable.name.rpartition("[")[0]
-                notes.append(f"{places.text(path)}: input array {part.name}.{array} keeps the FMU's own values")
+                notes.append(f"{places.text(path)}: input array {part.name}.{array} keeps its values")
             continue
         feed = wired.get(Port(part.name, variable.name))
         place = places.text((*path, "start", variable.name) if variable.name in given else path)
@@ -130,7 +130,7 @@ def _without_value(
             )
         elif feed is None and variable.name not in given and f"{part.name}.{variable.name}" not in fed:
             if variable.shape or not variable.settable or variable.kind is Kind.BINARY or variable.clocks:
-                what = f"input {part.name}.{variable.name} ({variable.type}) keeps the FMU's own value"
+                what = f"input {part.name}.{variable.name} ({variable.type}) keeps its value"
                 if variable.clocks:
                     what += f": it may be set only while its clock {listed(variable.clocks, 5)} ticks"
                 notes.append(f"{place}: {what}")

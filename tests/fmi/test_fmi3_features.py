@@ -103,7 +103,7 @@ def test_clocked_inputs_are_neither_set_nor_connected(tmp_path, capsys):
     fmu = str(foreign.flexible(tmp_path / "Clocked.fmu", CLOCK.format("output") + clocked))
     made = run(config(fmu), halving=False)  # its fmi3SetFloat64 refuses the reference 8
     (note, *_) = [one for one in made.summary["notes"] if "one.held" in one]
-    assert note.endswith("one.held (Float64) keeps the FMU's own value: it may be set only while its clock tick ticks")
+    assert note.endswith("one.held (Float64) keeps its value: it may be set only while its clock tick ticks")
     with pytest.raises(ConfigError, match=r"two\.held may be set only while its clock tick ticks"):
         prepare(config(fmu, connections=["one.sum -> two.held"]))
 
