@@ -27,7 +27,7 @@ from .package import (
     source_members,
     write_fmu,
 )
-from .sources import DELAY, Location, SourceTree, load_sources
+from .sources import DELAY, Location, SourceTree, library_texts, load_sources
 
 if TYPE_CHECKING:
     from .program import Program
@@ -161,7 +161,7 @@ def _translated(
     tree: SourceTree, model: str | None, fmi_version: str, libraries: Sequence[Path]
 ) -> tuple[dict[str, bytes], TranslationReport]:
     from .hybrid.build import counted, translate_hybrid
-    from .hybrid.front_end import adapts, library_paths
+    from .hybrid.front_end import adapts, libraries_used, library_paths
 
     name = tree.model_name(model)
     folders = library_paths(libraries)
@@ -177,7 +177,8 @@ def _translated(
             members, counts, notes = translate_hybrid(tree, name, identifier, fmi_version, folders)
         except BuildError as error:
             raise BuildError(in_file(tree, error)) from None
-        return members, TranslationReport(name, counts, (*tree.remarks, *notes))
+        remarks = [text for one in libraries_used(tree, folders) for text in library_texts(one)[1]]
+        return members, TranslationReport(name, counts, (*tree.remarks, *remarks, *notes))
 
 
 # Of refusals by the explicit route those that say what it lacks; all others name a mistake of the model.

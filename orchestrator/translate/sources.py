@@ -334,6 +334,16 @@ def load_sources(model_file: Path) -> SourceTree:
     return SourceTree(folder, main, dict(sorted(texts.items())), label, remarks)
 
 
+def library_texts(library: Path) -> tuple[dict[str, str], tuple[str, ...]]:
+    """The files of a library's folder, or of a folder of libraries, by their path within it, and remarks.
+
+    As of `load_sources`, a folder without a package.mo counts as a package where files belong to it.
+    """
+    root = library.parent if (library / "package.mo").is_file() else library
+    texts, remarks = _package(root, sorted(library.rglob("*.mo")), f"{root.as_posix()}/")
+    return {str((root / place).relative_to(library)): text for place, text in texts.items()}, remarks
+
+
 def _within(text: str, shown: str) -> list[str]:
     """The names of a file's `within` clause."""
     return [name for name in within_clause(tokenise(text, shown)).split(".") if name]
@@ -362,8 +372,8 @@ def _package(root: Path, paths: Sequence[Path], label: str) -> tuple[dict[str, s
             continue
         texts[str(place)] = text
         for depth in missing:
-            name = folders[depth - 1]
-            content = f"within {'.'.join(folders[: depth - 1])};\npackage {name}\nend {name};\n"
+            *outer, name = _packages(place)[:depth]
+            content = f"within {'.'.join(outer)};\npackage {name}\nend {name};\n"
             added["/".join((*folders[:depth], "package.mo"))] = content
     remarks = [
         f"{label}{place.rpartition('/')[0]}/ has no package.mo and is read as a package" for place in added
@@ -371,12 +381,17 @@ def _package(root: Path, paths: Sequence[Path], label: str) -> tuple[dict[str, s
     return texts | added, (*remarks, *left)
 
 
+def _packages(place: PurePosixPath) -> tuple[str, ...]:
+    """The packages that the folders of a file are; a folder may carry a version, as "Modelica 4.1.0"."""
+    return tuple(one.partition(" ")[0] for one in place.parts[:-1])
+
+
 def _belonging(path: Path, place: PurePosixPath, label: str) -> str | None:
     """The text of a file that belongs to its folder, with its `within` clause; None if it does not.
 
     It does by its clause or, without one, by a class of the file's name.
     """
-    packages, name = place.parts[:-1], place.stem
+    packages, name = _packages(place), place.stem
     if place.name == "package.mo":
         packages, name = packages[:-1], packages[-1]
     try:

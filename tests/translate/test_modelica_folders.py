@@ -72,6 +72,19 @@ def test_files_that_do_not_belong_to_a_folder_without_a_package_file_are_left_ou
     assert not any("Resources/ has no package.mo" in note for note in made.notes)
 
 
+@pytest.mark.parametrize("given", ["Plant", "."])
+def test_a_library_with_a_folder_without_a_package_file_loads_with_a_remark(given, tmp_path):
+    folder = plant(tmp_path, True)
+    (folder / "Parts" / "de.mo").write_bytes(b"\xde\x12\x04\x95\x00\x00")  # a translation of gettext
+    model = tmp_path / "Use.mo"
+    model.write_text("model Use\n  extends Plant.Main;\nend Use;\n")
+    made = build(model, tmp_path / "X.fmu", platforms=(), libraries=[tmp_path / given])
+    read = "has no package.mo and is read as a package"
+    out = "its folder has no package.mo and it is no class of it"
+    assert {f"{folder}/Parts/ {read}", f"{folder}/Parts/de.mo is left out: {out}"} <= {*made.notes}
+    assert made.counts["states"] == 1 and not (folder / "Parts" / "package.mo").exists()
+
+
 def test_files_that_say_nothing_of_a_package_stay_alone(tmp_path):
     (tmp_path / "M.mo").write_text("model M\n  output Real x = time;\nend M;\n")
     tree = load_sources(tmp_path / "M.mo")

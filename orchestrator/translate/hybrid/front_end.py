@@ -23,12 +23,21 @@ from ..complaints import CompilerRefusal, explained
 from ..flatten import called_partial, flatten, message_of, syntax_faults
 from ..lexer import tokenise
 from ..redeclared import refuse_mixed_packages
-from ..sources import SourceTree, Spans
+from ..sources import SourceTree, Spans, library_texts
 from . import adapted as rules
 from .adapted import ANY, ANY_MODEL, Objects, Section, Sections, adapted, class_texts, external_objects
 from .statements import FunctionSource
 
-__all__ = ["FunctionTexts", "adapts", "dae_form", "flat_form", "library_paths", "modernised", "prepared"]
+__all__ = [
+    "FunctionTexts",
+    "adapts",
+    "dae_form",
+    "flat_form",
+    "libraries_used",
+    "library_paths",
+    "modernised",
+    "prepared",
+]
 
 
 def library_paths(given: Sequence[Path] = ()) -> tuple[Path, ...]:
@@ -72,7 +81,7 @@ def flat_form(
     tree: SourceTree, model: str, libraries: Sequence[Path] = (), *, partial: bool = False
 ) -> tuple[dict[str, Any], Spans]:
     """The flat representation, and places; arguments and errors as of `dae_form`."""
-    if not _used(tree, libraries) and not partial and not adapts(tree):
+    if not libraries_used(tree, libraries) and not partial and not adapts(tree):
         flat, paths = flatten(tree, model)
         return flat, Spans(tree, {number: (path, tree.texts.get(path, "")) for number, path in paths.items()})
     forms, spans = _forms(tree, model, libraries, TIME_LIMIT, partial, ("dae", "flat"))
@@ -98,7 +107,7 @@ def _forms(
     rewritten: frozenset[str] = frozenset(),
 ) -> tuple[dict[str, Any], Spans]:
     """The compiler's forms of a model by their names, and places; `rewritten` as of `prepared`."""
-    libraries = _used(tree, libraries)
+    libraries = libraries_used(tree, libraries)
     key = (tree.root, tuple(tree.texts.items()), model, tuple(libraries), partial)
     known = _answers.get(key)
     if known and set(stages) <= known[0].keys():
@@ -138,7 +147,7 @@ def _forms(
     return _answers[key]
 
 
-def _used(tree: SourceTree, libraries: Sequence[Path]) -> list[Path]:
+def libraries_used(tree: SourceTree, libraries: Sequence[Path]) -> list[Path]:
     """The folders that hold a library whose name stands in the sources: reading one takes seconds."""
     words = {word for text in tree.texts.values() for word in re.findall(r"\w+", text)}
     found = []
@@ -233,17 +242,16 @@ def _adapted_library(library: Path, functions: bool, sections: Sections | None) 
         ).encode()
     )
     kept.parent.mkdir(parents=True, exist_ok=True)
-    texts = {path: path.read_text(encoding="utf-8") for path in paths}
+    texts, _ = library_texts(library)
     objects = external_objects(texts.values())
     if not kept.is_dir():
         found: Sections | None = None if sections is None else {}
         with tempfile.TemporaryDirectory(dir=kept.parent) as scratch:
             for path, text in texts.items():
-                target = Path(scratch) / "root" / path.relative_to(library)
+                target = Path(scratch) / "root" / path
                 target.parent.mkdir(parents=True, exist_ok=True)
-                target.write_bytes(
-                    adapted(text, str(path), objects, functions=functions, sections=found).encode()
-                )
+                new = adapted(text, str(library / path), objects, functions=functions, sections=found)
+                target.write_bytes(new.encode())
             told = {key: asdict(one) for key, one in (found or {}).items()}
             (Path(scratch) / "root" / _SECTIONS).write_text(json.dumps(told))
             with contextlib.suppress(OSError):  # another process was first
