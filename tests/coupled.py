@@ -5,6 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 import pytest
+from assembled import assemble
 from doubles import FakeFmu, mass, variable
 
 from orchestrator.fmi import Causality, Initial
@@ -13,7 +14,7 @@ from orchestrator.master.energy import Ledger
 from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 MASTERS = [
     "jacobi",

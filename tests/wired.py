@@ -5,6 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 import pytest
+from assembled import assemble
 from doubles import FakeFmu, gain, mass, spring
 
 from orchestrator.effects.choose import BUILT_IN
@@ -12,7 +13,7 @@ from orchestrator.master import create_master
 from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import Report, simulate
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 # Each effect at zero size, and with an effect, on a signal in metres that is about one.
 ZERO = {

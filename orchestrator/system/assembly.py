@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..base.errors import ConfigError, Problem, listed
-from ..config import Absent, BondModel, Config, ConnectionModel, Draft, Gaps, Places
+from ..config import Absent, BondModel, ConnectionModel, Draft, Gaps, Places
 from ..config.base import exact_time
 from ..fmi import Kind, ModelDescription, Variable
 from . import checks
@@ -24,7 +24,7 @@ from .power_bonds import Bond, declared_bonds, find_bonds
 from .start_values import inputs_with_unreadable_start, remarks, resolve_start_values
 from .system import Instance, System
 
-__all__ = ["Judged", "Part", "assemble", "judge_system", "load_system"]
+__all__ = ["Judged", "Part", "assemble_parts", "judge_system"]
 
 
 @dataclass
@@ -50,21 +50,6 @@ class Judged:
         return self.system
 
 
-def load_system(
-    config: Config, needed: Mapping[str, tuple[str, ...]] | None = None, *, loops: bool = False
-) -> System:
-    """The system of a config.
-
-    Args:
-        config: a validated config.
-        needed: signals that are recorded whatever the config says, as instance.variable, and the path in the
-            config that asks for each.
-        loops: see `assemble`.
-    Raises: ConfigError with all problems.
-    """
-    return judge_system(Draft(config), needed, loops=loops).sound()
-
-
 def judge_system(
     draft: Draft, needed: Mapping[str, tuple[str, ...]] | None = None, *, loops: bool = False
 ) -> Judged:
@@ -72,7 +57,9 @@ def judge_system(
 
     Args:
         draft: a config that can be read in part.
-        needed, loops: see `load_system`.
+        needed: signals that are recorded whatever the config says, as instance.variable, and the path in the
+            config that asks for each.
+        loops: whether algebraic loops at communication points are accepted, for a master that solves them.
     """
     config, gaps = draft.config, draft.gaps
     assert config is not None
@@ -87,7 +74,7 @@ def judge_system(
         judged.unchecked.append(f"ports and start values of {listed(sorted(made.absent.names))}")
     record = [] if model.run.record == "all" else list(model.run.record)
     known = gaps.knows("run", "step_size")
-    _assemble(
+    assemble_parts(
         judged,
         made.parts,
         model.connections,
@@ -107,59 +94,7 @@ def judge_system(
     return judged
 
 
-def assemble(
-    parts: Iterable[Part],
-    connections: Iterable[str | ConnectionModel | Mapping[str, Any]] = (),
-    *,
-    record: Sequence[str] | None = None,
-    needed: Mapping[str, tuple[str, ...]] | None = None,
-    places: Places | None = None,
-    problems: Iterable[Problem] = (),
-    absent: frozenset[str] = frozenset(),
-    loops: bool = False,
-    step_size: float | None = None,
-    folder: Path | None = None,
-    bonds: Sequence[BondModel] | None = None,
-    keep: bool = True,
-) -> System:
-    """Check parts and connections and make a system of them.
-
-    Args:
-        parts: instances with distinct names.
-        connections: "a.y -> b.u" each, or the long form, {"from": "a.y", "to": "b.u", "through": [...]}.
-        record: signals to record as instance.variable; None: every numeric output.
-        needed: signals to record besides, and the path in the config that asks for each.
-        places: where the values were written, for messages.
-        problems: found earlier, to be reported together with those found here.
-        absent: names of instances that already have a problem: what concerns them is not judged.
-        loops: whether algebraic loops at communication points are let pass, for a master that solves them.
-        step_size: the largest communication step that the system is to take [s]: a delay that is no shorter
-            breaks direct feedthrough. None: not known, and no delay does.
-        folder: what relative paths of effects start from; the working directory if not given.
-        bonds: power bonds as a config declares them; None: those that units and graph leave no doubt about.
-        keep: whether inputs that nothing feeds keep the start value that their FMU declares.
-    Raises: ConfigError with all problems.
-    """
-    judged = Judged(problems=list(problems))
-    _assemble(
-        judged,
-        list(parts),
-        connections,
-        record=None if record is None else {one: ("run", "record", n) for n, one in enumerate(record)},
-        needed=needed,
-        places=places or Places("system"),
-        absent=Absent(absent),
-        loops=loops,
-        step_size=step_size,
-        folder=folder or Path.cwd(),
-        bonds=bonds,
-        gaps=Gaps(),
-        keep=keep,
-    )
-    return judged.sound()
-
-
-def _assemble(
+def assemble_parts(
     judged: Judged,
     parts: Sequence[Part],
     connections: Iterable[str | ConnectionModel | Mapping[str, Any] | None],
@@ -175,11 +110,21 @@ def _assemble(
     gaps: Gaps,
     keep: bool = True,
 ) -> None:
-    """Judge parts and connections, and make a system of what is right; see `assemble`.
+    """Check parts and connections, and make a system of what is right.
 
     Args:
         judged: what is found, and the system, is put here.
-        record: signals to record, and where each was asked for.
+        parts: instances with distinct names.
+        connections: "a.y -> b.u" each, or the long form, {"from": "a.y", "to": "b.u", "through": [...]}.
+        record: signals to record as instance.variable, and where each was asked for; None: every numeric
+            output.
+        needed, loops: see `judge_system`.
+        places: where the values were written, for messages.
+        absent: names of instances that already have a problem: what concerns them is not judged.
+        step_size: the largest communication step that the system is to take [s]: a delay that is no shorter
+            breaks direct feedthrough. None: not known, and no delay does.
+        folder: what relative paths of effects start from.
+        bonds: power bonds as a config declares them; None: those that units and graph leave no doubt about.
         gaps: what of connections (None: all), start values and dependencies is not known.
         keep: whether inputs that nothing feeds keep the start value that their FMU declares.
     """

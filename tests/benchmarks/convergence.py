@@ -27,9 +27,10 @@ from orchestrator.master import create_master
 from orchestrator.master.running_instances import instantiate
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.run import prepare
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 from orchestrator.system.signal_vector import Layout
 from orchestrator.system.system import System
+from tests.assembled import assemble
 from tests.doubles import FakeFmu, mass
 
 Options = str | Mapping[str, Any]

@@ -83,8 +83,10 @@ def main() -> None:
     hidden = [one for one in every if one.kind != "none"]
     for name, _ in BANDS:
         here = [one for one in hidden if band(one.truth["magnitude"]) == name]
-        print(f"{name + ', sets that hold the truth':<40} {sum(one.covered for one in here)}/{len(here)}")
-    print(f"{'sets that hold the truth':<40} {sum(one.covered for one in every)}/{len(every)}")
+        held = sum(one.named_by(one.verdict.answer_set) for one in here)
+        print(f"{name + ', sets that hold the truth':<40} {held}/{len(here)}")
+    held = sum(one.named_by(one.verdict.answer_set) for one in every)
+    print(f"{'sets that hold the truth':<40} {held}/{len(every)}")
     bare = [one for one in every if one.kind == "none"]
     print(
         f"{'nothing hidden, and yet blamed':<40} {sum(bool(one.verdict.effects) for one in bare)}/{len(bare)}"

@@ -12,9 +12,10 @@ from pathlib import Path
 import fmpy
 
 from orchestrator.fmi import load_fmu
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 from orchestrator.system.system import System
 from orchestrator.translate.package import write_fmu
+from tests.assembled import assemble
 
 __all__ = ["CASES", "STEP_SIZE", "Case", "Plant", "build", "ring"]
 

@@ -16,8 +16,7 @@ from orchestrator.diagnosis.rig.augmented import augmented_config
 from orchestrator.diagnosis.rig.catalogue import catalogue
 from orchestrator.diagnosis.rig.finding import Augmented, Candidate, Finding
 from orchestrator.diagnosis.rig.model import RigModel
-from orchestrator.simulation.run import run
-from orchestrator.system.assembly import load_system
+from orchestrator.simulation.run import prepare, run
 
 # The robot's delay holds the first command before the start, where the rig's robot is moving already.
 SETTLED, TICKS = 50, 700
@@ -105,7 +104,7 @@ def loaded(text, folder):
     path = folder / "augmented.yaml"
     path.write_text(text)
     config = load_config(path)
-    assert len(load_system(config).instances) == 5
+    assert len(prepare(config).system.instances) == 5
     return config.model.to_data()
 
 

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from assembled import assemble
 from doubles import FakeFmu, gain, variable
 
 from orchestrator.base.errors import ConfigError
@@ -14,7 +15,7 @@ from orchestrator.config import dump, json_schema, load_config
 from orchestrator.effects.choose import BUILT_IN
 from orchestrator.fmi import Causality, Kind
 from orchestrator.simulation.run import prepare, run
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 # The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.
 pytest.importorskip("pythonfmu")

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from assembled import assemble
 from doubles import gain, mass, spring
 from wired import (
     MASTERS,
@@ -25,7 +26,7 @@ from orchestrator.effects import effect_names
 from orchestrator.effects.choose import BUILT_IN, built_in
 from orchestrator.effects.noise import Noise
 from orchestrator.simulation.run import run
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 # The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.
 pytest.importorskip("pythonfmu")

@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from assembled import assemble
 from doubles import gain, mass, spring
 from unruly import unruly_fmu
 from wired import (
@@ -27,7 +28,7 @@ from orchestrator.effects.choose import BUILT_IN
 from orchestrator.fmi import load_fmu
 from orchestrator.master.adaptive import Adaptive
 from orchestrator.master.iterative import Iterative
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 from orchestrator.system.connection import Leg, Wire
 
 # The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.

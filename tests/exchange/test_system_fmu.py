@@ -11,6 +11,7 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
+from assembled import assemble
 from fmpy.fmi2 import FMU2Slave
 from fmpy.validation import validate_fmu
 
@@ -26,7 +27,7 @@ from orchestrator.master.jacobi import Jacobi
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import run
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 from orchestrator.translate.build import build
 from orchestrator.translate.coupled import binary, build_binaries
 from orchestrator.translate.package import PLATFORMS

@@ -426,12 +426,11 @@ def test_a_system_chooses_the_form():
 
 @pytest.mark.parametrize("fmu", ["RobotResponse", "SatelliteDynamics-native"])
 def test_a_form_that_does_not_exist_is_refused(fmu):
-    from orchestrator.config import load_config
-    from orchestrator.system.assembly import load_system
+    from orchestrator.simulation.run import prepare
 
     config = {**CONFIG, "instances": {"one": {"fmu": fmu, "form": "native"}}}
     with pytest.raises(ConfigError) as caught:
-        load_system(load_config(config))
+        prepare(config)
     assert str(caught.value).splitlines() == [
         f"config: instances.one.form: {fmu!r} comes in one form only, there is no form to choose",
         f"  bundled FMUs in the forms python and native: {', '.join(sorted(NAMES))}. Leave form out.",

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from assembled import assemble
 from doubles import FakeFmu, gain, mass, spring, variable
 
 from orchestrator.base.errors import ConfigError, StepError
@@ -21,7 +22,7 @@ from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import prepare
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 ESTIMATES = ("doubling", "inputs")
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from assembled import assemble
 from doubles import FakeFmu, FakeInstance
 
 from orchestrator.fmi import Capabilities, load_fmu
@@ -14,7 +15,7 @@ from orchestrator.master.iterative import Iterative
 from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 FOLDER = Path(__file__).parents[2] / "fmus" / "DockingContact"
 CONTACT = {"stiffness": "176 N/mm", "damping": "0.5 N.s/mm", "front": "5 mm", "rear": "-5 mm"}

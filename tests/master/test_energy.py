@@ -11,6 +11,7 @@ from math import log2
 
 import numpy as np
 import pytest
+from assembled import assemble
 from coupled import PERIOD, created, energy, every_master, moved_spring, simulated, two_masses
 from doubles import gain, mass, spring
 
@@ -22,7 +23,7 @@ from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.native import loop as native_loop
 from orchestrator.simulation.run import prepare, run
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 
 @every_master

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from assembled import assemble
 from doubles import FakeFmu, FakeInstance, gain, mass, spring, variable
 
 from orchestrator.base.errors import ConfigError
@@ -18,7 +19,7 @@ from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import prepare, run
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 fixed_masters = pytest.mark.parametrize("name", ["jacobi", "gauss-seidel"])
 

@@ -7,6 +7,7 @@ from fractions import Fraction
 import foreign
 import numpy as np
 import pytest
+from assembled import assemble
 from doubles import FakeFmu
 from test_extrapolation import fixed_masters, polynomial, simulated
 
@@ -14,7 +15,7 @@ from orchestrator.base.errors import FmuError, StepError
 from orchestrator.fmi import Point, RunOptions, StepStatus, load_fmu
 from orchestrator.master import create_master
 from orchestrator.simulation.run import run
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 ISOLATED = RunOptions(isolated=True)
 

@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from assembled import assemble
 from doubles import FakeFmu, gain, mass, spring, variable
 
 from orchestrator.base.errors import ConfigError, StepError
@@ -19,7 +20,7 @@ from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import Report, simulate
 from orchestrator.simulation.run import prepare, run
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 from orchestrator.system.signal_vector import Layout
 
 METHODS = ("newton", "anderson", "fixed-point")

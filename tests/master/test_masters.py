@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from assembled import assemble
 from doubles import FakeFmu, gain, mass, spring, variable
 
 from orchestrator.base.errors import ConfigError, FmuError, StepError
@@ -17,7 +18,7 @@ from orchestrator.master.running_instances import instantiate
 from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import Report, simulate
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 # With the options that the shared suite runs them with; loose ones make fixed steps of adaptive ones.
 OPTIONS = {"iterative": {"tolerance": 1e-10}, "adaptive": {"tolerance": 1e9, "estimate": "inputs"}}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 import pytest
+from assembled import assemble
 from doubles import FakeFmu, gain, mass, spring, variable
 
 from orchestrator.base.errors import ConfigError
@@ -15,7 +16,7 @@ from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import prepare
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 
 def simulated(system, name, steps, stop=1):

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from assembled import assemble
 from doubles import mass, spring
 from unruly import unruly_fmu
 
@@ -30,7 +31,7 @@ from orchestrator.results.recorders import Recorder, Results, read_results
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import run
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 pytest.importorskip("numba")
 # The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.
@@ -327,7 +328,8 @@ LONG = """
 import resource, sys
 from fractions import Fraction
 from pathlib import Path
-from orchestrator.system.assembly import Part, assemble
+from assembled import assemble
+from orchestrator.system.assembly import Part
 from orchestrator.fmi import load_fmu
 from orchestrator.master import create_master
 from orchestrator.results.measures import signal_changes

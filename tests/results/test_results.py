@@ -9,6 +9,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from assembled import assemble
 from doubles import mass, spring
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,7 +22,7 @@ from orchestrator.results import file_formats as formats
 from orchestrator.results.recorders import Recorder, Results, parameters_of, read_results
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 SAMPLE = Results(
     time=np.array([0.0, 0.1, 0.2]),

@@ -6,6 +6,7 @@ import signal
 from fractions import Fraction
 
 import pytest
+from assembled import assemble
 from doubles import FakeInstance, mass
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,7 +17,7 @@ from orchestrator.master import create_master
 from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 
 def grid(step: str, stop: str, start: str = "0 s") -> Grid:

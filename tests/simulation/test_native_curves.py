@@ -9,6 +9,7 @@ from pathlib import Path
 import foreign
 import numpy as np
 import pytest
+from assembled import assemble
 from test_native_loop import CURVED, Kept, both, every_version, ring
 from unruly import unruly_fmu
 
@@ -20,7 +21,7 @@ from orchestrator.master.running_instances import instantiate
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import Report, simulate
 from orchestrator.simulation.native import choice
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 FOLDER = Path(__file__).parents[2] / "fmus"
 

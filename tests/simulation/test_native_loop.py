@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from assembled import assemble
 from doubles import mass
 from unruly import WAYS, unruly_fmu
 
@@ -30,7 +31,7 @@ from orchestrator.simulation.native import choice
 from orchestrator.simulation.native.choice import schedule
 from orchestrator.simulation.native.tables import Tables
 from orchestrator.simulation.run import prepare, run
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 pytest.importorskip("numba")
 # The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.

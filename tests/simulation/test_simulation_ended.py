@@ -9,6 +9,7 @@ from fractions import Fraction
 import foreign
 import pytest
 import yaml
+from assembled import assemble
 from doubles import FakeFmu, gain, variable
 from unruly import WAYS, unruly_fmu
 
@@ -21,7 +22,7 @@ from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import Report, simulate
 from orchestrator.simulation.run import run
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 MASTERS = {
     "jacobi": "jacobi",

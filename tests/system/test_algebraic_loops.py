@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import pytest
 import yaml
-from assembled import refusal
+from assembled import assemble, refusal
 from doubles import FakeFmu, gain, mass, spring
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.config import Places
 from orchestrator.master import create_master
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 
 def test_an_algebraic_loop_is_told_hop_by_hop():

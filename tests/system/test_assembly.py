@@ -5,13 +5,14 @@ from __future__ import annotations
 import sys
 
 import pytest
-from assembled import refusal
+from assembled import assemble, refusal
 from doubles import FakeFmu, gain, mass, variable
 
 from orchestrator.base.errors import ConfigError
-from orchestrator.config import Places, load_config
+from orchestrator.config import Places
 from orchestrator.fmi import Capabilities, Causality, Kind, Variability
-from orchestrator.system.assembly import Part, assemble, load_system
+from orchestrator.simulation.run import prepare
+from orchestrator.system.assembly import Part
 from orchestrator.system.system import Port
 
 SATELLITE = FakeFmu(name="Satellite", inputs={"force": "N", "torque": "N.m"}, outputs={"position": "m"})
@@ -202,7 +203,7 @@ def test_missing_fmu_with_suggestion(tmp_path):
         "connections: [satellite.position -> robot.command]\n"
     )
     with pytest.raises(ConfigError) as caught:
-        load_system(load_config(path))
+        prepare(path)
     first, second = caught.value.problems
     assert first.what == "no FMU 'SateliteDynamics'" and first.place == "mine.yaml:3: instances.satellite.fmu"
     assert first.remedy == "Did you mean SatelliteDynamics or SatellitePair?"

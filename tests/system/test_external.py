@@ -10,6 +10,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from assembled import assemble
 from doubles import mass, spring
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,7 +22,7 @@ from orchestrator.master.jacobi import Jacobi
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import run
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 from orchestrator.system.external import ExternalFmu
 from orchestrator.system.external.datagram import Datagram, Flag, pack, unpack
 from orchestrator.system.external.link import Link, LinkError
@@ -311,13 +312,13 @@ def with_external(**changes) -> dict:
 
 
 def test_units_are_checked_at_the_link():
-    from orchestrator.system.assembly import load_system
+    from orchestrator.simulation.run import prepare
 
-    system = load_system(load_config(with_external(send={"command": "mm"})))
+    system = prepare(with_external(send={"command": "mm"})).system
     (connection,) = system.connections
     assert connection.gain == 1000.0
     with pytest.raises(ConfigError, match=r"cannot connect satellite.position \[m\] to rig.command \[N\]"):
-        load_system(load_config(with_external(send={"command": "N"})))
+        prepare(with_external(send={"command": "N"}))
 
 
 def test_all_that_is_wrong_with_a_link_is_told_at_once():

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import pytest
+from assembled import assemble
 from coupled import PERIOD, simulated
 from doubles import FakeFmu, gain, mass
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.config import BondModel
 from orchestrator.simulation.run import prepare
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 # Which bonds are found.
 

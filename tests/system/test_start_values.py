@@ -8,14 +8,14 @@ from fractions import Fraction
 
 import pytest
 import yaml
-from assembled import refusal
+from assembled import assemble, refusal
 from doubles import FakeFmu, variable
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.base.units import Unit, parse_unit
 from orchestrator.config import Places
 from orchestrator.fmi import Causality, Initial, Kind, Variability
-from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.assembly import Part
 
 RAD = parse_unit("rad/s")
 HZ = Unit("Hz", RAD.exponents, 1 / Fraction("0.15915494309189535"))

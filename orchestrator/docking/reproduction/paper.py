@@ -22,9 +22,6 @@ class Stated(NamedTuple):
         return f"{text.format(self.value)} ({self.place})"
 
 
-APPROACH_SPEED = Stated(20.0, "2.4, 4.1, 4.3")  # mm/s
-RELATIVE_MASS = Stated(279.07, "4.1")  # kg, of 300 kg and 4000 kg
-
 # Section 2.4, Fig. 3: 176 N/mm, no damping, xi_n = 0.8.
 VELOCITY_AFTER_FOUR_CYCLES = Stated(15.0, "2.4, Fig. 3c: almost")  # of the initial one, at 6 ms
 FORCE_AFTER_FOUR_CYCLES = Stated(10.0, "2.4, Fig. 3d")  # times the first

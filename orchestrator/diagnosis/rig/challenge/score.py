@@ -18,7 +18,7 @@ from ..verdict import NAME, SUSPECTED, chance_outside
 from .cases import check_record
 from .evidence import CLEAR
 from .seal import note_opening, open_truth, truth_digest
-from .verdict import Verdict, names, read_verdict
+from .verdict import Answer, Verdict, names, read_verdict
 
 __all__ = ["BANDS", "CLEAR", "Marked", "figures", "score", "score_text"]
 
@@ -49,15 +49,17 @@ class Marked:
         """Whether the logs hold enough evidence."""
         return self.truth["evidence"] >= CLEAR
 
-    @property
-    def its_own(self) -> bool:
-        """Whether the logs can separate the hidden effects from any single effect of the catalogue."""
-        return self.truth.get("beyond", self.truth["evidence"]) >= CLEAR
+    def separable(self, key: str) -> bool:
+        """Whether the logs can separate the hidden effects from any effect of the catalogue.
 
-    @property
-    def no_two(self) -> bool:
-        """The same, from any two effects of the catalogue."""
-        return self.truth.get("beyond_two", self.truth["evidence"]) >= CLEAR
+        Args:
+            key: "beyond": from any single effect; "beyond_two": from any two.
+        """
+        return self.truth.get(key, self.truth["evidence"]) >= CLEAR
+
+    def named_by(self, answers: Iterable[Answer]) -> bool:
+        """Whether one of these answers names the hidden effects, with declared ties."""
+        return any(names(one.effects, one.ties, self.truth["effects"]) for one in answers)
 
     @property
     def effect_right(self) -> bool:
@@ -70,27 +72,6 @@ class Marked:
         if self.verdict.places == set(self.truth["places"]):
             return True
         return self.kind in ("single", "pair") and self.effect_right
-
-    @property
-    def top_two(self) -> bool:
-        """Whether one of the two most probable candidates names the hidden effects."""
-        return any(names(one.effects, one.ties, self.truth["effects"]) for one in self.verdict.answers[:2])
-
-    @property
-    def covered(self) -> bool:
-        """Whether the set of answers names the hidden effects, with declared ties."""
-        given = self.verdict.answer_set
-        return any(names(one.effects, one.ties, self.truth["effects"]) for one in given)
-
-    @property
-    def covered_itself(self) -> bool:
-        """The same, without ties."""
-        return any(self.truth["effects"] == sorted(one.effects) for one in self.verdict.answer_set)
-
-    @property
-    def set_size(self) -> int:
-        """Number of candidates in that set."""
-        return len(self.verdict.answer_set)
 
     @property
     def suspects(self) -> bool:
@@ -113,14 +94,69 @@ class Marked:
     @property
     def first_right(self) -> bool:
         """Whether the first candidate names the hidden effects, with declared ties."""
-        first = self.verdict.answers[0]
-        return names(first.effects, first.ties, self.truth["effects"])
+        return self.named_by(self.verdict.answers[:1])
 
     @property
     def first_itself(self) -> tuple[float, bool]:
         """Probability of the first candidate alone, and whether it is the hidden one, without ties."""
         first = self.verdict.answers[0]
         return first.probability, sorted(first.effects) == self.truth["effects"]
+
+
+def _across(one: Marked) -> bool:
+    return one.kind == "pair" and one.clear and len(one.truth["places"]) > 1
+
+
+def _within(one: Marked) -> bool:
+    return one.kind == "pair" and one.clear and len(one.truth["places"]) == 1
+
+
+def _outside(one: Marked) -> bool:
+    return "outside" in one.verdict.effects
+
+
+# Cases that rates are of; the logs of those called own separate what is hidden from the catalogue.
+_GROUPS: dict[str, Callable[[Marked], bool]] = {
+    "all": lambda one: True,
+    "single": lambda one: one.kind == "single" and one.clear,
+    "pair": lambda one: one.kind == "pair" and one.clear,
+    "across": _across,
+    "across_own": lambda one: _across(one) and one.separable("beyond"),
+    "within": _within,
+    "within_own": lambda one: _within(one) and one.separable("beyond"),
+    "none": lambda one: one.kind == "none",
+    "outside": lambda one: one.kind == "outside" and one.clear,
+    "outside_own": lambda one: one.kind == "outside" and one.separable("beyond"),
+    "outside_no_two": lambda one: one.kind == "outside" and one.separable("beyond_two"),
+    "inside": lambda one: one.kind != "outside",
+    "tight": lambda one: one.truth["tight"] > 1.0,
+    "sound": lambda one: one.truth["tight"] == 1.0,
+}
+# Name of a rate, its title, the cases that it is of, and what is counted.
+_RATES: tuple[tuple[str, str, str, Callable[[Marked], bool]], ...] = (
+    ("place_right", "place right (single, clear)", "single", lambda one: one.place_right),
+    ("effect_right", "effect right (single, clear)", "single", lambda one: one.effect_right),
+    ("top_two", "among the first two", "single", lambda one: one.named_by(one.verdict.answers[:2])),
+    ("pairs_across", "both of a pair, two places", "across", lambda one: one.effect_right),
+    ("pairs_across_own", "the same, where none imitates both", "across_own", lambda one: one.effect_right),
+    ("pairs_within", "both of a pair, one place", "within", lambda one: one.effect_right),
+    ("pairs_within_own", "the same, where none imitates both", "within_own", lambda one: one.effect_right),
+    ("pairs_one_named", "at least one of a pair", "pair",
+     lambda one: bool(one.verdict.effects & set(one.truth["effects"]))),
+    ("false_alarms", "false alarms (nothing hidden)", "none", lambda one: bool(one.verdict.effects)),
+    ("outside_flagged", "outside flagged", "outside", _outside),
+    ("outside_flagged_own", "the same, where none imitates it", "outside_own", _outside),
+    ("outside_flagged_no_two", "the same, nor two together", "outside_no_two", _outside),
+    ("outside_suspected", "outside flagged or suspected", "outside", lambda one: one.suspects),
+    ("outside_place_right", "place of outside right", "outside", lambda one: one.place_right),
+    ("outside_false", "outside, though in the catalogue", "inside", _outside),
+    ("suspected_false", "the same, or suspected", "inside", lambda one: one.suspects),
+    ("doubtful_tight", "tight tolerances doubted", "tight", lambda one: one.verdict.doubtful),
+    ("doubtful_false", "sound tolerances doubted", "sound", lambda one: one.verdict.doubtful),
+    ("coverage", "95 % sets name the truth", "all", lambda one: one.named_by(one.verdict.answer_set)),
+    ("coverage_without_ties", "the same, ties not counted", "all",
+     lambda one: any(one.truth["effects"] == sorted(each.effects) for each in one.verdict.answer_set)),
+)  # fmt: skip
 
 
 def score(folder: Path, verdicts: Path) -> dict[str, Any]:
@@ -174,58 +210,23 @@ def score(folder: Path, verdicts: Path) -> dict[str, Any]:
 
 def figures(marked: Sequence[Marked]) -> dict[str, Any]:
     """All figures of a score: rates with their counts and 95 % Wilson intervals."""
-    hiding = [one for one in marked if one.kind in ("single", "pair")]
-    clear = [one for one in marked if one.kind == "single" and one.clear]
-    pairs = [one for one in marked if one.kind == "pair" and one.clear]
-    inner = [one for one in pairs if len(one.truth["places"]) == 1]
-    across = [one for one in pairs if len(one.truth["places"]) > 1]
-    none = [one for one in marked if one.kind == "none"]
-    outside = [one for one in marked if one.kind == "outside"]
-    inside = [one for one in marked if one.kind != "outside"]
-    tight = [one for one in marked if one.truth["tight"] > 1.0]
-    sound = [one for one in marked if one.truth["tight"] == 1.0]
-    right = [one for one in hiding if one.effect_right]
-    closures = [one.verdict.closure for one in right if one.verdict.closure is not None]
-    recalibrated = [
-        one.verdict.recalibration
-        for one in right
-        if one.verdict.closure is not None and one.verdict.recalibration is not None
-    ]
+    right = [one for one in marked if one.kind in ("single", "pair") and one.effect_right]
+    closed = [one.verdict for one in right if one.verdict.closure is not None]
+    recalibrated = [one.recalibration for one in closed if one.recalibration is not None]
+    sizes = [len(one.verdict.answer_set) for one in marked]
     return {
         "cases": {kind: sum(one.kind == kind for one in marked) for kind in _kinds(marked)},
-        "place_right": _rate(clear, lambda one: one.place_right),
-        "effect_right": _rate(clear, lambda one: one.effect_right),
-        "top_two": _rate(clear, lambda one: one.top_two),
-        "pairs_across": _rate(across, lambda one: one.effect_right),
-        "pairs_within": _rate(inner, lambda one: one.effect_right),
-        "pairs_across_own": _rate([one for one in across if one.its_own], lambda one: one.effect_right),
-        "pairs_within_own": _rate([one for one in inner if one.its_own], lambda one: one.effect_right),
-        "pairs_one_named": _rate(pairs, lambda one: bool(one.verdict.effects & set(one.truth["effects"]))),
-        "false_alarms": _rate(none, lambda one: bool(one.verdict.effects)),
-        "outside_flagged": _rate(
-            [one for one in outside if one.clear], lambda one: "outside" in one.verdict.effects
-        ),
-        "outside_suspected": _rate([one for one in outside if one.clear], lambda one: one.suspects),
-        "outside_flagged_own": _rate(
-            [one for one in outside if one.its_own], lambda one: "outside" in one.verdict.effects
-        ),
-        "outside_flagged_no_two": _rate(
-            [one for one in outside if one.no_two], lambda one: "outside" in one.verdict.effects
-        ),
-        "outside_place_right": _rate([one for one in outside if one.clear], lambda one: one.place_right),
-        "outside_false": _rate(inside, lambda one: "outside" in one.verdict.effects),
-        "suspected_false": _rate(inside, lambda one: one.suspects),
+        **{
+            name: _rate([one for one in marked if _GROUPS[group](one)], test)
+            for name, _, group, test in _RATES
+        },
         "ece": _ece([(one.confidence, one.first_right) for one in marked]),
         "ece_exact": _ece_exact([one.confidence for one in marked]),
         "calibration_rms": _rms_debiased([(one.confidence, one.first_right) for one in marked]),
-        "doubtful_tight": _rate(tight, lambda one: one.verdict.doubtful),
-        "doubtful_false": _rate(sound, lambda one: one.verdict.doubtful),
         "ece_without_ties": _ece([one.first_itself for one in marked]),
-        "coverage": _rate(marked, lambda one: one.covered),
-        "coverage_without_ties": _rate(marked, lambda one: one.covered_itself),
-        "set_size": sum(one.set_size for one in marked) / len(marked),
-        "set_size_median": median(one.set_size for one in marked),
-        "closure_median": median(closures) if closures else None,
+        "set_size": sum(sizes) / len(marked),
+        "set_size_median": median(sizes),
+        "closure_median": median(one.closure for one in closed) if closed else None,
         "recalibration_median": median(recalibrated) if recalibrated else None,
         "bands": {name: _band(marked, name) for name, _ in BANDS},
     }
@@ -239,7 +240,7 @@ def _band(marked: Sequence[Marked], name: str) -> dict[str, Any]:
         "clear": sum(one.clear for one in here),
         "effect_right": _rate([one for one in single if one.clear], lambda one: one.effect_right),
         "wrongly_named": _rate(single, lambda one: bool(one.verdict.effects) and not one.effect_right),
-        "coverage": _rate(here, lambda one: one.covered),
+        "coverage": _rate(here, lambda one: one.named_by(one.verdict.answer_set)),
         "ece": _ece([(one.confidence, one.first_right) for one in here]),
         "claimed": sum(one.confidence for one in here) / len(here) if here else None,
         "first_right": _rate(here, lambda one: one.first_right),
@@ -327,33 +328,9 @@ def _line(one: Marked) -> dict[str, Any]:
         "confidence": one.confidence,
         "place_right": one.place_right,
         "effect_right": one.effect_right,
-        "covered": one.covered,
+        "covered": one.named_by(one.verdict.answer_set),
         "verdict": one.verdict.digest,
     }
-
-
-_ROWS = (
-    ("place_right", "place right (single, clear)"),
-    ("effect_right", "effect right (single, clear)"),
-    ("top_two", "among the first two"),
-    ("pairs_across", "both of a pair, two places"),
-    ("pairs_across_own", "the same, where none imitates both"),
-    ("pairs_within", "both of a pair, one place"),
-    ("pairs_within_own", "the same, where none imitates both"),
-    ("pairs_one_named", "at least one of a pair"),
-    ("false_alarms", "false alarms (nothing hidden)"),
-    ("outside_flagged", "outside flagged"),
-    ("outside_flagged_own", "the same, where none imitates it"),
-    ("outside_flagged_no_two", "the same, nor two together"),
-    ("outside_suspected", "outside flagged or suspected"),
-    ("outside_place_right", "place of outside right"),
-    ("outside_false", "outside, though in the catalogue"),
-    ("suspected_false", "the same, or suspected"),
-    ("doubtful_tight", "tight tolerances doubted"),
-    ("doubtful_false", "sound tolerances doubted"),
-    ("coverage", "95 % sets name the truth"),
-    ("coverage_without_ties", "the same, ties not counted"),
-)
 
 
 def score_text(found: Mapping[str, Any]) -> str:
@@ -361,7 +338,7 @@ def score_text(found: Mapping[str, Any]) -> str:
     kinds = ", ".join(f"{count} {kind}" for kind, count in found["cases"].items())
     blind = "" if found["blind"] else "; NOT blind: the truth had been opened before for other verdicts"
     lines = [f"{kinds}{blind}"]
-    lines += [f"{title:<{_TITLE}} {_shown(found[name])}" for name, title in _ROWS]
+    lines += [f"{title:<{_TITLE}} {_shown(found[name])}" for name, title, _, _ in _RATES]
     sizes = f"{found['set_size']:.2f}, median {found['set_size_median']:g}"
     lines.append(f"{'mean size of those sets':<{_TITLE}} {sizes}")
     lines.append(f"{'expected calibration error':<{_TITLE}} {found['ece']:.3f}")
