@@ -184,7 +184,8 @@ def _translated(
 # Of refusals by the explicit route those that say what it lacks; all others name a mistake of the model.
 _LACKS = re.compile(
     r"^(?!.*(the compiler |expressions of kind (?!Tuple))).*(?<!which are )not supported"
-    r"|fixed=false, which needs|only Real, Integer and Boolean|a subscript or size has to be"
+    r"|fixed=false, which needs|has fixed=true but is no state|only Real, Integer and Boolean"
+    r"|a subscript or size has to be"
 )
 
 

@@ -156,7 +156,7 @@ class SourceTree:
 
         Args:
             model: qualified name, or a name within the package or class of the file; None: the class
-                that the file defines.
+                that the file defines, or of several the only one that is not partial and not part of another.
         Raises: BuildError if there is no such model or the file's class is none.
         """
         within = within_clause(tokenise(self.texts[self.main], self.shown(self.main)))
@@ -175,11 +175,24 @@ class SourceTree:
             )
         if len(top) == 1 and top[0].name in models:
             return top[0].name
+        if len(alone := self._unused(own)) == 1:
+            return alone[0]
         what = f"{top[0].kind} {top[0].name}" if len(top) == 1 else f"{len(top)} classes"
         raise BuildError(
             f"{self.shown(self.main)}: the file defines {what}, not one model; name the model to build "
             f"with --model; models: {listed(models)}"
         )
+
+    def _unused(self, classes: Sequence[ModelicaClass]) -> list[str]:
+        """The models among classes of one file that are not partial, and that none of the others names."""
+        found = []
+        for item in classes:
+            last = item.name.rpartition(".")[2]
+            partial = re.search(rf"\bpartial\s+{item.kind}\s+{re.escape(last)}\b", self.texts[item.file])
+            others = (token.text for other in classes if other is not item for token in other.tokens)
+            if item.kind in ("model", "block", "class") and not partial and last not in others:
+                found.append(item.name)
+        return found
 
     def place(self, path: str, offset: int) -> Location:
         """The place at a byte offset of a file."""
@@ -302,9 +315,9 @@ def load_sources(model_file: Path) -> SourceTree:
     """Read a Modelica file with the whole package it belongs to.
 
     Args:
-        model_file: a .mo file on its own, or a part of a structured package (folders with package.mo). A
-            folder without a package.mo counts as a package where files in it say that they are within it, or
-            define a class of the file's name.
+        model_file: a .mo file on its own, with those beside it whose classes it names, or a part of a
+            structured package (folders with package.mo). A folder without a package.mo counts as a package
+            where files in it say that they are within it, or define a class of the file's name.
     Raises: BuildError if it does not exist, or its `within` clause does not match the folders.
     """
     shown = str(model_file)
@@ -329,7 +342,9 @@ def load_sources(model_file: Path) -> SourceTree:
     label = shown.replace("\\", "/")
     label = label[: -len(main)] if label.endswith(main) else f"{folder.as_posix()}/"
     if not packages:
-        return SourceTree(folder, main, {main: _read(path)}, label)
+        texts, beside = _with_siblings(path, label)
+        remarks = tuple(f"{label}{one} stands beside the model, and is read with it" for one in beside)
+        return SourceTree(folder, main, texts, label, remarks)
     texts, remarks = _package(folder, paths, label)
     return SourceTree(folder, main, dict(sorted(texts.items())), label, remarks)
 
@@ -342,6 +357,41 @@ def library_texts(library: Path) -> tuple[dict[str, str], tuple[str, ...]]:
     root = library.parent if (library / "package.mo").is_file() else library
     texts, remarks = _package(root, sorted(library.rglob("*.mo")), f"{root.as_posix()}/")
     return {str((root / place).relative_to(library)): text for place, text in texts.items()}, remarks
+
+
+def _with_siblings(path: Path, label: str) -> tuple[dict[str, str], list[str]]:
+    """A file and those beside it, named like the class in them, whose class it or they use; their names."""
+    texts = {path.name: _read(path)}
+    ahead = [path.name]
+    while ahead:
+        name = ahead.pop()
+        tokens = tokenise(texts[name], f"{label}{name}")
+        for before, token, after in zip([None, *tokens], tokens, [*tokens[1:], None], strict=False):
+            if token.kind != "name" or not token.text.isidentifier() or (before and before.text == "."):
+                continue
+            file = path.with_name(f"{token.text}.mo")
+            if file.name in texts:
+                continue
+            named = after is not None and (after.kind == "name" or after.text in (".", "(", "["))
+            if not named and (before is None or before.text != "extends"):
+                continue
+            known = any(token.text in find_classes({one: text}, label) for one, text in texts.items())
+            if known or not file.is_file() or (text := _alone(file, token.text)) is None:
+                continue
+            texts[file.name] = text
+            ahead.append(file.name)
+    return dict(sorted(texts.items())), sorted(texts.keys() - {path.name})
+
+
+def _alone(file: Path, name: str) -> str | None:
+    """The text of a file that defines one class, of this name and within no package; None of another."""
+    try:
+        text = _read(file)
+        classes = find_classes({file.name: text})
+        outside = [one for one in classes if "." not in one]
+        return text if outside == [name] and not within_clause(tokenise(text, file.name)) else None
+    except BuildError:
+        return None
 
 
 def _within(text: str, shown: str) -> list[str]:

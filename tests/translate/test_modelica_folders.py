@@ -171,3 +171,30 @@ def test_sizes_are_judged_in_the_files_that_a_model_may_use(tmp_path):
     refuse_large_sizes(tree, "Pack.Used")
     with pytest.raises(BuildError, match=r"Huge\.mo:3: a size of 200,000 is too large"):
         refuse_large_sizes(tree, "Pack.Huge")
+
+
+def test_classes_in_files_beside_the_model_are_found(tmp_path):
+    """Tank uses Valve, which uses a constant of Data; Wrong.mo is no Modelica and not named."""
+    (tmp_path / "Tank.mo").write_text(
+        "model Tank\n  Valve valve;\n  Real h(start=1, fixed=true);\n"
+        "equation\n  der(h) = -valve.k*h;\nend Tank;\n"
+    )
+    (tmp_path / "Valve.mo").write_text("model Valve\n  parameter Real k = Data.k;\nend Valve;\n")
+    (tmp_path / "Data.mo").write_text("package Data\n  constant Real k = 2;\nend Data;\n")
+    (tmp_path / "h.mo").write_text("no Modelica (")
+    made = build(tmp_path / "Tank.mo", tmp_path / "X.fmu", platforms=())
+    assert made.counts["states"] == 1
+    beside = [note for note in made.notes if "stands beside the model, and is read with it" in note]
+    assert [note.partition(" ")[0].rpartition("/")[2] for note in beside] == ["Data.mo", "Valve.mo"]
+
+
+def test_of_several_models_the_one_that_uses_the_others_is_built(tmp_path):
+    file = tmp_path / "All.mo"
+    file.write_text(
+        "connector Pin\n  Real v;\n  flow Real i;\nend Pin;\n"
+        "partial model Base\n  Real x(start=1, fixed=true);\nend Base;\n"
+        "model Part\n  parameter Real k = 2;\nend Part;\n"
+        "model Whole\n  extends Base;\n  Part part;\nequation\n  der(x) = -part.k*x;\nend Whole;\n"
+    )
+    assert load_sources(file).model_name(None) == "Whole"
+    assert build(file, tmp_path / "X.fmu", platforms=()).counts["states"] == 1

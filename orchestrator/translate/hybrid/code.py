@@ -537,6 +537,7 @@ def _tables(layout: Layout) -> str:
         _array("int", "slopes", (slots[ex.symbol("der", one.args[1], 1)] for one in system.states)),
         _array("double", "nominals", (repr(one) for one in nominals)),
         _array("char *const", "mode_names", (c_string(_mode(one, layout)) for one in model.modes)),
+        _array("int", "mode_margins", _margins_of_relations(model.modes)),
         _array("char *const", "delayed_names", (c_string(one.shown) for one in model.delays)),
         _array("char *const", "checked", (c_string(one.shown) for one in system.checks)),
         _array("double", "phases", (repr(one) for one, _ in model.clocks)),
@@ -576,7 +577,7 @@ def _tables(layout: Layout) -> str:
         len(model.discretes), "discretes", len(started), "started",
         "starts", len(layout.settable), "settable", "settable_starts", "settable_lasts", len(reported),
         layout.warned_slot, "action_kinds", "messages", len(system.constraints),
-        layout.done_slot, layout.size_slot, len(margins_of(model.modes)),
+        layout.done_slot, layout.size_slot, len(margins_of(model.modes)), "mode_margins",
         layout.use_slot, layout.use_slot + 1, layout.use_slot + 2,
         int(any(ex.symbol("homotopy") in one.free for one in _initial_expressions(system))),
         max(colours, default=-1) + 1, "colours", "column_starts", "rows", "&factors" if factors else "0",
@@ -612,6 +613,14 @@ def margins_of(modes: Sequence[Expr]) -> list[Expr]:
                 high = ex.conditional(ex.logical("lt", held, ex.ZERO), held, after)
                 found += [ex.sub(one.args[0], low), ex.sub(high, one.args[0])]
     return found
+
+
+def _margins_of_relations(modes: Sequence[Expr]) -> list[int]:
+    """For each mode the number of its margin; -1 of one that has two."""
+    counts = [len(margins_of([one])) for one in modes]
+    return [
+        begin if count == 1 else -1 for begin, count in zip(accumulate([0, *counts]), counts, strict=False)
+    ]
 
 
 def _mode(one: Expr, layout: Layout) -> str:

@@ -267,6 +267,7 @@ class _Reader:
         self._subscripts: dict[int, list[Json]] = {}
         self._number_nodes()
         self._depth = 0
+        self._guarded = False
         self._roles: dict[Expr, str] = {}
         self._valueless: list[str] = []
 
@@ -893,6 +894,11 @@ class _Reader:
                 places.append(chosen.item())
                 continue
             numbers = np.vectorize(lambda value: int(value.args[0]) - 1, otypes=[int])(chosen)
+            size = np.shape(base)[len(places)]
+            if outside := [int(one) + 1 for one in numbers.ravel() if not 0 <= one < size]:
+                if self._guarded:  # a condition that is known later only keeps it from being read
+                    return ex.number(np.nan)
+                raise BuildError(f"{self._name}: subscript {outside[0]} is outside 1:{size}; keep within it")
             places.append(int(numbers) if sort == "index" and not numbers.shape else numbers.ravel())
         base = np.asarray(base, dtype=object)
         result = base
@@ -967,6 +973,7 @@ class _Reader:
     def _conditional(self, operands: list[int], bound: Mapping[Any, Any]) -> Any:
         pairs, otherwise = operands[:-1], operands[-1]
         cases = []
+        guarded = self._guarded
         for place in range(0, len(pairs), 2):
             condition = self._one(pairs[place], bound)
             if condition.op == "num":
@@ -974,8 +981,10 @@ class _Reader:
                     otherwise = pairs[place + 1]
                     break
                 continue
+            self._guarded = True
             cases.append((condition, self._at(pairs[place + 1], bound)))
         found = self._at(otherwise, bound)
+        self._guarded = guarded
         for condition, value in reversed(cases):
             if isinstance(found, tuple):
                 found = tuple(

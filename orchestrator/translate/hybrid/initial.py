@@ -6,7 +6,7 @@ The rest are checked when the model is built, as far as their values are known t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ from .dae import DaeModel
 from .expression import Expr
 from .matching import Block, augmented, blocks_of
 
-__all__ = ["Check", "initial_system", "places_of"]
+__all__ = ["Check", "initial_system", "parameter_values", "places_of"]
 
 # How far a redundant equation may be off: start values are written with a few digits.
 _RELATIVE, _ABSOLUTE, _ABSOLUTE_OF_SLOPES = 1e-4, 1e-9, 1e-6
@@ -45,12 +45,14 @@ def initial_system(
     states: list[Expr],
     unknowns: list[Expr],
     aliases: Mapping[Expr, Expr],
+    parameters: Mapping[Expr, Expr],
     notes: list[str],
 ) -> tuple[list[Block], list[Check]]:
     """The blocks that give states, unknowns and free parameters at the start, and what then has to hold.
 
     Args:
         ordered: the model's equations and the derivatives that index reduction adds.
+        parameters: as of `blocks_of`.
         notes: is added to.
     Raises: BuildError by variable for what is not determined, and for equations that contradict each other.
     """
@@ -63,13 +65,7 @@ def initial_system(
             follow.append(ex.sub(one.value, one.binding))
     given = {target: value for target, value in model.initial_values if target in sought}
     # Of an alias the start value holds for what it equals.
-    fixed = [
-        one
-        for one in model.variables
-        if one.role in ("state", "algebraic")
-        and one.fixed
-        and {one.value, *aliases.get(one.value, one.value).free} & sought
-    ]
+    fixed = [one for one in model.variables if one.role in ("state", "algebraic") and one.fixed]
     starts = [
         ex.sub(aliases.get(one.value, one.value), ex.symbol("start", one.value.args[1])) for one in fixed
     ]
@@ -96,7 +92,7 @@ def initial_system(
         names = listed(model.name_of(one) for one in missing)
         what = f"initialisation does not determine {names}; give start values with fixed=true"
         raise model.refusal(what, model.place_of(missing[0]))
-    blocks = blocks_of(equations, owner)
+    blocks = blocks_of(equations, owner, parameters)
     values = _values(model, blocks, sought) if surplus else {}
     origins = places_of(model.initial_origins, model.initial_equations)
     origins += [model.place_of(one) for one in given]
@@ -151,12 +147,13 @@ def _agrees(equation: Expr) -> Expr:
     return ex.logical("le", ex.function("fabs", equation), allowed)
 
 
-def _values(model: DaeModel, blocks: Sequence[Block], sought: set[Expr]) -> dict[Expr, Expr]:
-    """What is known of the start when the model is built: its numbers by their symbols.
+def parameter_values(model: DaeModel, sought: Set[Expr] = frozenset()) -> dict[Expr, Expr]:
+    """Numbers of the parameters and start values as declared, by their symbols.
 
-    Nonlinear systems, inputs and what events hold are not known then.
+    Args:
+        sought: dependent parameters that the start of the model gives.
     """
-    found: dict[Expr, Expr] = {ex.symbol("homotopy"): ex.ONE, ex.symbol("t"): ex.ZERO}
+    found: dict[Expr, Expr] = {}
     pending: dict[Expr, Expr] = {}
     for one in model.variables:
         if one.type == "string" or one.role == "input":
@@ -173,6 +170,15 @@ def _values(model: DaeModel, blocks: Sequence[Block], sought: set[Expr]) -> dict
             break
         found |= known
         pending = {key: one for key, one in pending.items() if key not in known}
+    return found
+
+
+def _values(model: DaeModel, blocks: Sequence[Block], sought: set[Expr]) -> dict[Expr, Expr]:
+    """What is known of the start when the model is built: its numbers by their symbols.
+
+    Time, nonlinear systems, inputs and what events hold are not known then.
+    """
+    found = parameter_values(model, sought) | {ex.symbol("homotopy"): ex.ONE}
     for block in blocks:
         if block.value is not None:
             value = ex.substituted(block.value, found)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from orchestrator.base.graph import strong_components
@@ -82,8 +82,15 @@ def matched(equations: Sequence[Expr], unknowns: set[Expr]) -> dict[Expr, int]:
 # Blocks
 
 
-def blocks_of(equations: Sequence[Expr], owner: dict[Expr, int]) -> list[Block]:
-    """The blocks in the order of their solution; `owner` as of `matched`."""
+def blocks_of(
+    equations: Sequence[Expr], owner: dict[Expr, int], parameters: Mapping[Expr, Expr]
+) -> list[Block]:
+    """The blocks in the order of their solution.
+
+    Args:
+        owner: as of `matched`.
+        parameters: their numbers, by symbols: no equation is solved for what one multiplies that is 0.
+    """
     unknown_of = {number: one for one, number in owner.items()}
     numbers = sorted(unknown_of)
     place = {number: position for position, number in enumerate(numbers)}
@@ -94,18 +101,18 @@ def blocks_of(equations: Sequence[Expr], owner: dict[Expr, int]) -> list[Block]:
     made = []
     for component in strong_components(needs):
         chosen = [numbers[one] for one in component]
-        made.append(_block([equations[n] for n in chosen], [unknown_of[n] for n in chosen]))
+        made.append(_block([equations[n] for n in chosen], [unknown_of[n] for n in chosen], parameters))
     return made
 
 
-def _block(residuals: list[Expr], unknowns: list[Expr]) -> Block:
+def _block(residuals: list[Expr], unknowns: list[Expr], parameters: Mapping[Expr, Expr]) -> Block:
     if len(unknowns) == 1:
         found = ex.linear(residuals[0], unknowns[0])
         if found is not None and found[0] is not ex.ZERO:
             factor, rest = found
-            if factor.op == "num" or not _may_vanish(factor):
+            if factor.op == "num" or not _may_vanish(factor, parameters):
                 return Block(tuple(unknowns), tuple(residuals), value=ex.neg(ex.div(rest, factor)))
-    torn = _block_of(*_torn(residuals, unknowns))
+    torn = _block_of(*_torn(residuals, unknowns, parameters))
     # Chains of nonlinear equations amplify what is wrong in a guess: there all unknowns are iterated.
     return torn if torn.linear or not torn.inner else _block_of(residuals, unknowns, ())
 
@@ -129,7 +136,7 @@ def _block_of(residuals: list[Expr], unknowns: list[Expr], inner: tuple[tuple[Ex
 
 
 def _torn(
-    residuals: list[Expr], unknowns: list[Expr]
+    residuals: list[Expr], unknowns: list[Expr], parameters: Mapping[Expr, Expr]
 ) -> tuple[list[Expr], list[Expr], tuple[tuple[Expr, Expr], ...]]:
     """Split a block: residuals and unknowns that are iterated, and those that follow from them (tearing).
 
@@ -161,7 +168,7 @@ def _torn(
             (one,) = holds[number]
             solved = ex.linear(left[number], one)
             if solved and solved[0] is not ex.ZERO and all(f.args[0] == "p" for f in solved[0].free):
-                if not _may_vanish(solved[0]):
+                if not _may_vanish(solved[0], parameters):
                     found = one, ex.neg(ex.div(solved[1], solved[0]))
         if found:
             del left[number]
@@ -177,6 +184,9 @@ def _torn(
     return list(left.values()), iterated, tuple(inner)
 
 
-def _may_vanish(factor: Expr) -> bool:
-    """Whether a factor may be zero for more than single values: by a condition."""
+def _may_vanish(factor: Expr, parameters: Mapping[Expr, Expr]) -> bool:
+    """Whether a factor may be zero for more than single values: by a condition or its parameters."""
+    value = ex.substituted(factor, parameters)
+    if value.op == "num" and abs(value.args[0]) < 1e-12:
+        return True
     return any(one.op == "if" for one in ex.postorder(factor))

@@ -17,7 +17,7 @@ from ..faults import PlacedError
 from . import expression as ex
 from .dae import DaeModel, Scalar
 from .expression import Expr
-from .initial import Check, initial_system, places_of
+from .initial import Check, initial_system, parameter_values, places_of
 from .matching import Block, augmented, blocks_of, matched
 
 __all__ = ["System", "solve_order", "unbalanced"]
@@ -87,7 +87,8 @@ def solve_order(model: DaeModel) -> System:
     known_nodes: dict[int, Expr] = {}
     actual = [ex.substituted(one, {ex.symbol("homotopy"): ex.ONE}, known_nodes) for one in ordered]
     constraints = [equation for number, equation in enumerate(actual) if number not in used]
-    blocks = blocks_of(actual, owner)
+    parameters = parameter_values(model)
+    blocks = blocks_of(actual, owner, parameters)
     notes = (
         [f"without a value, 0 until the importer sets one: {', '.join(model.valueless)}"]
         if model.valueless
@@ -96,7 +97,7 @@ def solve_order(model: DaeModel) -> System:
     notes += model.remarks
     if model.built_in:
         notes.append(f"built in, since tables depend on them: {', '.join(model.built_in)}")
-    initial, checks = initial_system(model, ordered, states, unknowns, aliases, notes)
+    initial, checks = initial_system(model, ordered, states, unknowns, aliases, parameters, notes)
     return System(model, states, blocks, initial, checks, constraints, aliases, unknowns, notes)
 
 

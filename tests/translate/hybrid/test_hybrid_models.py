@@ -819,3 +819,52 @@ def test_colours_and_factors_of_a_matrix():
     starts = factors.starts
     kept = {(row, factors.columns[e]) for row in range(n) for e in range(starts[row], starts[row + 1])}
     assert {(int(a), int(b)) for a, b in np.argwhere(placed)} <= kept
+
+
+def test_a_relation_that_only_rounding_decides_is_no_chattering(tmp_path):
+    """y equals x but for rounding, which differs from instant to instant."""
+    text = """
+model M
+  Real x(start=0.1, fixed=true), y;
+  Boolean above(start=false, fixed=true);
+  Integer steps(start=0, fixed=true);
+equation
+  der(x) = 1 + (if above then 1e-3 else 1e-3);
+  y = 0.1*x + 0.2*x + 0.7*x;
+  above = y > x;
+  steps = integer(2*x);
+end M;
+"""
+    found = run(made(tmp_path, text), 1.0, 0.25, "x", "steps")
+    np.testing.assert_allclose(found["x"], 0.1 + 1.001 * found["time"], rtol=1e-9)
+    np.testing.assert_array_equal(found["steps"], np.floor(2 * found["x"]))
+
+
+def test_a_subscript_that_a_condition_keeps_within_an_array(tmp_path):
+    """The loop stops at the first difference, so that its guard is not known when the model is built."""
+    text = """
+model M
+  function same
+    input Real a[:], b[:];
+    output Boolean found = true;
+  protected
+    Integer i = 1;
+  algorithm
+    while i <= size(a, 1) loop
+      if abs(a[i] - b[i]) > 1e-9 then
+        found := false;
+        i := size(a, 1);
+      end if;
+      i := i + 1;
+    end while;
+  end same;
+  parameter Real p[3] = {1, 2, 3};
+  Real x(start=0, fixed=true);
+equation
+  der(x) = if same(p, {1, 2, 3}) then 1 else 2;
+end M;
+"""
+    fmu = made(tmp_path, text)
+    assert run(fmu, 1.0, 1.0, "x")["x"][-1] == pytest.approx(1, rel=1e-9)
+    other = run(fmu, 1.0, 1.0, "x", start_values={"p[3]": 4.0})
+    assert other["x"][-1] == pytest.approx(2, rel=1e-9)

@@ -24,6 +24,8 @@ static const int MOST_ITERATIONS = 60;
 static const int MOST_ROUNDS = 100;      /* of an event */
 static const int MOST_FLIPS = 600;       /* rounds until the modes are consistent */
 static const int FOLDED = 20;            /* events in close succession after which a solution has ceased */
+static const double EQUAL = 1e-11;       /* sides of a relation that differ by rounding alone */
+static const int STEADY = 60;            /* events in close succession after which rounding makes no more */
 static const int MOST_EVENTS = 300;      /* in close succession */
 enum { MOST_LOOKS = 33 };                /* for events within an internal step, beside its beginning */
 
@@ -312,13 +314,21 @@ static int differ(double a, double b)
     return !(a == b || (isnan(a) && isnan(b)));
 }
 
-/* The first mode whose value has changed; -1 if none. */
+/* The first mode whose value has changed; -1 if none. Where events follow each other without end, a relation whose
+ * sides are equal but for rounding keeps its truth: so an element of friction stays between sticking and sliding. */
 static int changed_mode(Work *w)
 {
+    const HybridInfo *i = &hybrid_info;
+    const double *held = w->h.z + i->mode_slot;
+    double *g = w->g + (size_t)MOST_LOOKS * (size_t)i->n_margins;
+    int first = -1;
     hybrid_modes(&w->h, w->m);
-    for (int k = 0; k < hybrid_info.n_modes; k++)
-        if (differ(w->m[k], w->h.z[hybrid_info.mode_slot + k])) return k;
-    return -1;
+    if (w->events >= STEADY) hybrid_margins(&w->h, g);
+    for (int k = i->n_modes - 1; k >= 0; k--) {
+        if (w->events >= STEADY && i->mode_margins[k] >= 0 && fabs(g[i->mode_margins[k]]) <= EQUAL) w->m[k] = held[k];
+        if (differ(w->m[k], held[k])) first = k;
+    }
+    return first;
 }
 
 static void take_modes(Work *w)
@@ -361,10 +371,11 @@ static void flip_one(Work *w, int round, int *turn, int *mode)
 static int at_zero(Work *w)
 {
     const HybridInfo *i = &hybrid_info;
-    if (i->n_margins != i->n_modes) return 0;
     hybrid_margins(&w->h, w->g);
-    for (int k = 0; k < i->n_modes; k++)
-        if (differ(w->m[k], w->h.z[i->mode_slot + k]) && fabs(w->g[k]) > 1e-11) return 0;
+    for (int k = 0; k < i->n_modes; k++) {
+        int margin = i->mode_margins[k];
+        if (differ(w->m[k], w->h.z[i->mode_slot + k]) && (margin < 0 || fabs(w->g[margin]) > EQUAL)) return 0;
+    }
     return 1;
 }
 

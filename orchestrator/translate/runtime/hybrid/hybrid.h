@@ -67,6 +67,7 @@ typedef struct {
     int n_constraints;
     int done_slot, size_slot;             /* 1 after initialisation; internal step size [s] */
     int n_margins;
+    const int *mode_margins;              /* [n_modes] margin of a relation; -1 of a step function */
     int use_slot, end_slot;               /* a HybridUse; time that the last step came to [s] */
     int ended_slot;                       /* 1: the model has asked for the end */
     int has_homotopy;
