@@ -111,7 +111,8 @@ _Analysis = tuple[dict[str, Any], str, "Callable[[], Mapping[str, Any]]"]
 
 def _analysed(prepared: Prepared, args: argparse.Namespace) -> _Analysis:
     from ..base.errors import ConfigError, Problem
-    from ..frequency.chart import chart_data, chart_figure, chart_text, config_chart
+    from ..frequency.chart import config_chart
+    from ..frequency.chart_report import chart_data, chart_figure, chart_text
     from ..frequency.from_system import linearise
     from ..frequency.over_parameter import over_figure, over_text, parameter_range, stability_over
     from ..frequency.system_report import system_figures, system_stability, system_text
@@ -130,8 +131,8 @@ def _analysed(prepared: Prepared, args: argparse.Namespace) -> _Analysis:
     report = system_stability(prepared, args.open, linear)
     words = system_text(report)
     for chosen in choose_measures(prepared.config):
-        if (tell := getattr(chosen.measure, "stability", None)) is not None and at_time is None:
-            report[chosen.name], lines = tell(prepared, linear, report, chosen.options)
+        if (of_measure := getattr(chosen.measure, "stability", None)) is not None and at_time is None:
+            report[chosen.name], lines = of_measure(prepared, linear, report, chosen.options)
             words = "\n".join([words, *lines])
     if trimmed is not None:
         report["trim"] = {name: vars(one) for name, one in trimmed.states.items()}
@@ -158,12 +159,12 @@ def _analysed(prepared: Prepared, args: argparse.Namespace) -> _Analysis:
         from ..frequency.verify import verified, verify_text
 
         known = [
-            tell(prepared, linear, chosen.options)
+            hold(prepared, linear, chosen.options)
             for chosen in choose_measures(prepared.config)
-            if (tell := getattr(chosen.measure, "hold", None)) is not None
+            if (hold := getattr(chosen.measure, "hold", None)) is not None
         ]
-        hold = {name: value for one in known for name, value in one.items()}
-        report["verify"] = verified(args.config, linear, overrides, hold if known else None)
+        pushes = {name: value for one in known for name, value in one.items()}
+        report["verify"] = verified(args.config, linear, overrides, pushes if known else None)
         words = f"{words}\n{verify_text(report['verify'])}"
 
     def draw() -> dict[str, Any]:

@@ -116,7 +116,9 @@ class ContactLoop:
         """Whether a controller compensates the force."""
         name = self.options.controller
         return (
-            name is not None and name in self.linear.told and int(self.parameters[f"{name}.mode"]) == _ACTIVE
+            name is not None
+            and name in self.linear.of_measures
+            and int(self.parameters[f"{name}.mode"]) == _ACTIVE
         )
 
     @property
@@ -348,7 +350,7 @@ def stability_numbers(
 ) -> dict[str, Any]:
     """Growth per contact for the report of `orchestrator stability`.
 
-    Returns: a dict with `growth_per_contact` (None if no root oscillates, or roots do not tell), `contact`
+    Returns: a dict with `growth_per_contact` (None if no root oscillates, or roots do not give it), `contact`
         (`velocity_ratio`, `energy_gain`, `duration` [s], `left_out`; or `error`) and `growth_with_steps`.
     """
     if unlike := [one["instance"] for one in report["not_linear"]]:

@@ -362,7 +362,11 @@ class DelaySystem:
         )
 
     def guesses(self, order: int) -> Complex:
-        """Approximate roots: eigenvalues of the system with every delay as a line of so many points."""
+        """Approximate roots: eigenvalues of `collocated`."""
+        return np.linalg.eigvals(scipy.linalg.matrix_balance(self.collocated(order))[0])
+
+    def collocated(self, order: int) -> Array:
+        """x' = M x of the system with every delay as a line of so many points."""
         n, m, p = len(self.states), len(self.inputs), len(self.outputs)
         delayed = [
             (delay, source)
@@ -385,9 +389,7 @@ class DelaySystem:
             which = int(np.searchsorted(self._delays, delay))
             ends[:, low + order - 1] += self._k[which][:, source]
         u_of_x = np.linalg.solve(self._loop_at_once, self._at_once @ c + ends)
-        whole = a + into @ (c + self.d @ u_of_x) + b @ u_of_x
-        balanced, _ = scipy.linalg.matrix_balance(whole)
-        return np.linalg.eigvals(balanced)
+        return a + into @ (c + self.d @ u_of_x) + b @ u_of_x
 
     def _certified(self, guesses: Complex, count: int) -> Modes | None:
         ordered = guesses[np.argsort(-guesses.real)]

@@ -85,7 +85,7 @@ def sweep_system(
         periods: of the lowest frequency that are measured, at least 2.
         settle: periods before them, in which transients die away.
         limit: whether to measure with a half and a quarter of the step, too, and to extrapolate to small
-            steps; the effect of the step is then told.
+            steps; the effect of the step is then in the result.
     Returns: responses by target.
     Raises: ConfigError for names and numbers that do not fit; StepError if a run fails.
     """

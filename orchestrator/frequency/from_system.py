@@ -12,41 +12,33 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
-from ..base.errors import ConfigError, OrchestratorError, Problem, listed
+from ..base.errors import ConfigError, Problem, listed
 from ..master.running_instances import Instances, instantiate
 from ..results.measures import choose_measures
 from ..simulation.run import Prepared, prepare
-from ..system.connection import Connection
 from ..system.external import ExternalFmu
 from ..system.signal_vector import Signals
 from ..system.system import Instance
-from .connections import effect_note, effect_path, known_effects
-from .delay_system import FILTER, DelaySystem, Link, Modes
+from .closing import chains_of, closed_system, sources
+from .delay_system import DelaySystem, Modes
 from .inner_delays import InnerDelay, inner_delays
+from .late_inputs import MEASURE, acts, find_late_input
 from .margins import Margins
-from .measured_part import answer, measured_part, passage
+from .measured_part import measured_part
 from .measured_samples import sampled_law, sampling
 from .statespace import LateInput, Law, StateSpace, linearised, real_ports
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Chain", "LateInput", "Law", "LinearPoint", "Linearised", "chains_of", "linearise", "refusal"]
+__all__ = ["Law", "LinearPoint", "Linearised", "linearise", "refusal"]
 
 Array = NDArray[np.float64]
-
-_MOST_STEPS = 5_000
-# Samples after the first answer that the delay and the gains are fitted to.
-_SAMPLES = 24
-# Of the fit, relative to the answer: a delay is one only if nothing else remains.
-_LEFT = 2e-3
 
 
 @dataclass(frozen=True)
@@ -74,7 +66,7 @@ class Linearised:
         late: inputs that act after a delay within their FMU, as "robot.command".
         inner: delays between states of instances, by their name.
         laws: of instances whose equations a measure of the config knows, or that sample.
-        told: those whose law a measure of the config knows.
+        of_measures: those whose law a measure of the config knows.
         start: start values of the operating point that a measure of the config chose, by instance and
             variable, FMU's units; None: the point is no start of a run.
     """
@@ -86,7 +78,7 @@ class Linearised:
     late: Mapping[str, LateInput]
     laws: Mapping[str, Law] = field(default_factory=dict)
     inner: Mapping[str, tuple[InnerDelay, ...]] = field(default_factory=dict)
-    told: tuple[str, ...] = ()
+    of_measures: tuple[str, ...] = ()
     start: Mapping[str, Mapping[str, Any]] | None = field(default_factory=dict)
 
     @property
@@ -209,7 +201,7 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
     inner: dict[str, tuple[InnerDelay, ...]] = {}
     point: dict[str, float] = {}
     fed = {str(connection.target) for connection in system.connections}
-    seen = {str(leg) for connection in system.connections for leg in _sources(connection)}
+    seen = {str(leg) for connection in system.connections for leg in sources(connection)}
     with instantiate(system) as instances:
         signals = instances.initialise(float(prepared.grid.start), float(prepared.grid.stop))
         if at_time is not None:
@@ -260,15 +252,15 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
                     hidden |= late
                     notes += more
                     continue
-                if isinstance(found, str) and not all(_acts(part, name) for name in inputs):
-                    problems.append(Problem(one.name, f"it {why}, and {found}", "", _MEASURE))
+                if isinstance(found, str) and not all(acts(part, name) for name in inputs):
+                    problems.append(Problem(one.name, f"it {why}, and {found}", "", MEASURE))
                     continue
             if refusal(one) is None:
                 inner[one.name], unknown = inner_delays(one, part, values, prepared)
                 notes += [_inner_note(one, part, each) for each in inner[one.name]]
                 notes += [f"{one.name}: {unknown}"] if unknown else []
             for name in inputs:
-                _behind(one, part, name, values, prepared, hidden, notes, problems)
+                find_late_input(one, part, name, values, prepared, hidden, notes, problems)
     chains, wrong = chains_of(system.connections, notes)
     if problems or wrong:
         raise ConfigError([*problems, *wrong])
@@ -281,9 +273,9 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
     paths = {name: (one,) for name, one in hidden.items()}
     for name, law in known.items():
         paths |= {f"{name}.{port}": late for port, late in law.late.items()}
-    closed = _closed(parts, chains, paths, inner)
+    closed = closed_system(parts, chains, paths, inner)
     return Linearised(
-        closed, point, tuple(dict.fromkeys(notes)), parts, hidden, known, inner=inner, told=tuple(laws)
+        closed, point, tuple(dict.fromkeys(notes)), parts, hidden, known, inner=inner, of_measures=tuple(laws)
     )
 
 
@@ -323,10 +315,10 @@ def _by_steps(
     why: str,
 ) -> tuple[StateSpace, dict[str, LateInput], list[str]] | str:
     """The state space of an instance by its step responses, inputs behind a delay, and notes."""
-    told = measured_part(one, inputs, read, {name: values[name] for name in inputs}, prepared)
-    if isinstance(told, str):
-        return told
-    part, delays, error = told
+    found = measured_part(one, inputs, read, {name: values[name] for name in inputs}, prepared)
+    if isinstance(found, str):
+        return found
+    part, delays, error = found
     late = {}
     for name, delay in delays.items():
         column = inputs.index(name)
@@ -349,48 +341,6 @@ def _inner_note(one: Instance, part: StateSpace, inner: InnerDelay) -> str:
     )
 
 
-def _acts(part: StateSpace, name: str) -> bool:
-    """Whether an input acts on a state's derivative or an output at once."""
-    column = part.inputs.index(name)
-    return bool(part.b[:, column].any() or part.d[:, column].any())
-
-
-def _behind(
-    one: Instance,
-    part: StateSpace,
-    name: str,
-    values: Mapping[str, Any],
-    prepared: Prepared,
-    hidden: dict[str, LateInput],
-    notes: list[str],
-    problems: list[Problem],
-) -> None:
-    """An input that acts on nothing at once: the delay that it stands behind, or why there is none."""
-    if _acts(part, name):
-        return
-    found = _measured(one, part, name, values, prepared)
-    if found == "idle":
-        notes.append(f"{one.name}.{name} acts on nothing at the start; it is left open")
-    elif found is None:
-        problems.append(
-            Problem(
-                one.name,
-                f"input {name} acts on no state's derivative and no output at once",
-                "no pure delay was measured between them: a sample, hidden states or an inactive part of the "
-                "model",
-                _MEASURE,
-            )
-        )
-    else:
-        hidden[f"{one.name}.{name}"] = found
-        notes.append(f"{one.name}.{name} acts after a delay of {found.delay:.9g} s within the FMU (measured)")
-
-
-def _sources(connection: Connection) -> list[Any]:
-    return [connection.source] if connection.wire is None else [leg.port for leg in connection.wire.legs]
-
-
-_MEASURE = "Measure the loop with orchestrator.frequency.sweep_system."
 _REMEDY = (
     "Export it with providesDirectionalDerivative, or measure the loop with "
     "orchestrator.frequency.sweep_system."
@@ -424,191 +374,3 @@ def _advanced(instances: Instances, prepared: Prepared, signals: Signals, at_tim
         signals, info = prepared.master.step(instances.system, instances, point, signals)
         info.raise_on_failure(point)
     return float(point.time)
-
-
-@dataclass(frozen=True)
-class Chain:
-    """One source of a connection, with what happens on the way."""
-
-    connection: str
-    source: str
-    target: str
-    gain: float
-    delay: float
-    lags: tuple[float, ...]
-
-
-def chains_of(connections: Iterable[Connection], notes: list[str]) -> tuple[list[Chain], list[Problem]]:
-    """Gain, delay and lags from each source to each input; adds to `notes` what is left out."""
-    chains, problems = [], []
-    for connection in connections:
-        name = str(connection)
-        wire = connection.wire
-        legs = (
-            [(connection.source, 1.0, ())]
-            if wire is None
-            else [(leg.port, leg.gain, leg.links) for leg in wire.legs]
-        )
-        for port, gain, own in legs:
-            total, delay, lags = gain * connection.gain, 0.0, []
-            for link in (*own, *(wire.links if wire is not None else ())):
-                path = effect_path(link.effect)
-                if path is None:
-                    what = f"the effect {link.name} has no transfer function that is known here"
-                    allowed = f"effects with one: {listed(known_effects())}"
-                    problems.append(Problem(name, what, allowed, "Leave it out, or measure the loop."))
-                    continue
-                if note := effect_note(link.effect):
-                    notes.append(f"{name}: {link.name} {note}")
-                total, delay = total * path.gain, delay + path.delay
-                lags += [path.lag] if path.lag else []
-            chains.append(Chain(name, str(port), str(connection.target), total, delay, tuple(lags)))
-    return chains, problems
-
-
-def _closed(
-    own: Mapping[str, StateSpace],
-    chains: list[Chain],
-    hidden: Mapping[str, tuple[LateInput, ...]],
-    inner: Mapping[str, tuple[InnerDelay, ...]],
-) -> DelaySystem:
-    parts = [part.named(name) for name, part in own.items()]
-    lags = [(index, place, lag) for index, one in enumerate(chains) for place, lag in enumerate(one.lags)]
-    blocks = [(one.a, one.b, one.c, one.d) for one in parts]
-    states = [name for one in parts for name in one.states]
-    inputs = [name for one in parts for name in one.inputs]
-    outputs = [name for one in parts for name in one.outputs]
-    for index, place, lag in lags:
-        rate = np.array([[1.0 / lag]])
-        blocks.append((-rate, rate, np.eye(1), np.zeros((1, 1))))
-        name = f"{chains[index].target}{FILTER}" + (f"[{place}]" if place else "")
-        states.append(name)
-        inputs.append(f"{name}@{index}")
-        outputs.append(f"{name}@{index}")
-    a, b, c, d = (scipy.linalg.block_diag(*(one[n] for one in blocks)) for n in range(4))
-    if not blocks:
-        a = b = c = d = np.zeros((0, 0))
-    first, row = 0, 0
-    # A delayed path into an FMU is an input of its own.
-    behind: dict[str, list[int]] = {}
-    for part in parts:
-        for name in part.inputs:
-            for path in hidden.get(name, ()):
-                column = np.zeros((len(a), 1))
-                column[first : first + len(part.states), 0] = path.gains
-                behind.setdefault(name, []).append(b.shape[1])
-                b = np.hstack([b, column])
-                through = np.zeros((len(d), 1))
-                through[row : row + len(part.outputs), 0] = path.through
-                d = np.hstack([d, through])
-                inputs.append(f"{name} delayed")
-        first, row = first + len(part.states), row + len(part.outputs)
-    links = []
-    first, entry, row = 0, 0, 0
-    for name, part in own.items():
-        n, m, p = len(part.states), len(part.inputs), len(part.outputs)
-        for number, path in enumerate(inner.get(name, ()), 1):
-            # What is delayed is an output, and what comes back an input of the instance.
-            b, d, c = np.pad(b, ((0, 0), (0, 1))), np.pad(d, ((0, 1), (0, 1))), np.pad(c, ((0, 1), (0, 0)))
-            b[first : first + n, -1], d[row : row + p, -1] = path.gains, path.through
-            c[-1, first : first + n], d[-1, entry : entry + m] = path.seen[:n], path.seen[n:]
-            inputs.append(f"{name}.delay[{number}]")
-            outputs.append(f"{name}.delay[{number}]")
-            links.append(Link(f"{inputs[-1]}{FILTER}", len(outputs) - 1, len(inputs) - 1, 1.0, path.delay))
-        first, entry, row = first + n, entry + m, row + p
-    for name, places in behind.items():
-        if len(places) == 1:
-            continue
-        # Several paths part behind the input, which passes its value on to them.
-        d = np.vstack([d, np.zeros((1, d.shape[1]))])
-        c = np.vstack([c, np.zeros((1, c.shape[1]))])
-        d[-1, inputs.index(name)] = 1.0
-        outputs.append(f"{name} passed")
-        links += [
-            Link(f"{name}{FILTER}", len(outputs) - 1, place, 1.0, path.delay)
-            for place, path in zip(places, hidden[name], strict=True)
-        ]
-    for index, one in enumerate(chains):
-        if one.source not in outputs:
-            continue  # a parameter-like output that nothing drives
-        source, gain = outputs.index(one.source), one.gain
-        for place, _ in enumerate(one.lags):
-            name = f"{one.target}{FILTER}" + (f"[{place}]" if place else "") + f"@{index}"
-            links.append(Link(f"{one.connection}{FILTER}", source, inputs.index(name), 1.0))
-            source = outputs.index(name)
-        if len(behind.get(one.target, ())) == 1:
-            (path,) = hidden[one.target]
-            links.append(Link(one.connection, source, behind[one.target][0], gain, one.delay + path.delay))
-        else:
-            links.append(Link(one.connection, source, inputs.index(one.target), gain, one.delay))
-    return DelaySystem(a, b, c, d, tuple(states), tuple(inputs), tuple(outputs), tuple(links))
-
-
-def _measured(
-    one: Instance, part: StateSpace, name: str, values: Mapping[str, Any], prepared: Prepared
-) -> LateInput | Literal["idle"] | None:
-    """The delay between an input and the states, from two runs that differ in a step of it.
-
-    Returns: "idle" if nothing answers, None if what answers is no pure delay before the states.
-    """
-    step = float(prepared.grid.step_size)
-    watched = [*part.states, *(key for key in part.outputs if key not in part.states)]
-    values = {key: values[key] for key in part.inputs}
-    try:
-        found = answer(one, name, values, watched, prepared, _MOST_STEPS, 4 * _SAMPLES)
-    except OrchestratorError:  # it refuses to run on its own
-        return None
-    size = np.max(abs(found), axis=0)
-    scale = np.where(size > 0.0, size, 1.0)
-    moved = np.flatnonzero(np.max(abs(found) / scale, axis=1) > 1e-9)
-    if not moved.size:
-        return "idle"
-    states = len(part.states)
-    onset = int(moved[0])
-    rows = np.arange(onset, min(onset + _SAMPLES, len(found)))
-    if len(rows) < 4:
-        return None
-    outputs = np.array([watched.index(key) for key in part.outputs], np.intp)
-    through = np.zeros(len(part.outputs))
-    if not size[:states].any():
-        # Nothing but the delay lies between input and outputs: they jump when it is over.
-        jump = found[rows[-1]]
-        if np.max(abs(found[rows] - jump) / scale) > _LEFT:
-            return None
-        which = int(np.argmax(size))
-        delay = passage(one, name, values, watched[which], prepared, step * max(onset - 1, 0))
-        return LateInput(delay, np.zeros(states), jump[outputs])
-    wanted = found[rows, :states] / scale[:states]
-    transition, whole = scipy.linalg.expm(part.a * step), _integral(part.a, step)
-
-    def fitted(delay: float) -> tuple[float, Array]:
-        since = step * rows - delay
-        parts = [_integral(part.a, max(since[0], 0.0)), _integral(part.a, max(since[1], 0.0))]
-        while len(parts) < len(rows):
-            parts.append(whole + transition @ parts[-1])
-        design = np.concatenate([one / scale[:states, None] for one in parts])
-        gains, *_ = np.linalg.lstsq(design, wanted.ravel(), rcond=None)
-        return float(np.linalg.norm(design @ gains - wanted.ravel())), gains
-
-    low, high = step * max(onset - 1, 0), step * onset
-    best = minimize_scalar(
-        lambda delay: fitted(delay)[0], bounds=(low, high), method="bounded", options={"xatol": 1e-12}
-    )
-    delays = [float(best.x), low, high]
-    misfits = [fitted(delay)[0] for delay in delays]
-    delay = delays[int(np.argmin(misfits))]
-    misfit, gains = fitted(delay)
-    if misfit > _LEFT * np.linalg.norm(wanted):
-        return None
-    if states < len(watched):
-        left = found[rows][:, outputs] - found[rows, :states] @ part.c.T
-        through = left[-1] if np.max(abs(left[-1]) / scale[outputs]) > 1e-6 else through
-    return LateInput(delay, gains, through)
-
-
-def _integral(a: Array, time: float) -> Array:
-    """Integral of exp(A t) from 0 to `time`, shape of A."""
-    n = len(a)
-    whole = np.zeros((2 * n, 2 * n))
-    whole[:n, :n], whole[:n, n:] = a, np.eye(n)
-    return scipy.linalg.expm(whole * time)[:n, n:]

@@ -57,7 +57,7 @@ class Unlike:
 def unlike_parts(prepared: Prepared, linear: Linearised, modes: Modes) -> list[Unlike]:
     """For each instance the output that differs most from its linear equations in the dominant mode's motion.
 
-    Instances whose law a measure of the config tells, those that the mode does not move, and those that do
+    Instances whose law a measure of the config knows, those that the mode does not move, and those that do
     not run on their own are left out.
 
     Args:
@@ -71,7 +71,7 @@ def unlike_parts(prepared: Prepared, linear: Linearised, modes: Modes) -> list[U
     size = float(prepared.grid.step_size)
     found = []
     for one in prepared.system.instances:
-        if one.name in linear.told or one.fmu.path is None:
+        if one.name in linear.of_measures or one.fmu.path is None:
             continue
         part = sampled_part(linear, one.name, size, samples=_every(linear, one.name, size))
         inputs = [name for name in part.space.inputs if f"{one.name}.{name}" in moved]

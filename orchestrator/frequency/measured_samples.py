@@ -1,6 +1,6 @@
 """The linear equations of an FMU that samples its inputs and holds its outputs, as a digital controller does.
 
-Two runs in short steps that differ in a step of an input tell the sample period: wherever the step falls
+Two runs in short steps that differ in a step of an input give the sample period: wherever the step falls
 within a period, the answer begins at the same instant. The answer from sample to sample is a sequence of
 Markov parameters. Behind the sampled law are its states; in the limit of short samples its first numbers act
 after whole periods, and states stand for the rest.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +88,7 @@ class LateInput:
 
 @dataclass(frozen=True)
 class Law:
-    """Linear equations of an instance whose FMU does not tell them, such as of a sampled controller.
+    """Linear equations of an instance whose FMU does not give them, such as of a sampled controller.
 
     Attributes:
         space: in the limit of short samples, with the names of the FMU's variables.
@@ -126,7 +127,7 @@ def state_space(
         start: start values, FMU's units.
     Raises: ConfigError if it offers no directional derivatives, if an input acts neither on a state nor on
         an output at once, as behind a delay, or if states are not named that an output needs: then only
-        measuring tells the effect.
+        a measurement shows the effect.
     """
     loaded = load(fmu)
     description = loaded.description
@@ -237,6 +238,7 @@ def _hidden(name: str, part: StateSpace, outputs: Iterable[str]) -> list[Problem
     ]
 
 
+@cache
 def differentiation(order: int) -> Array:
     """d/dtheta at Chebyshev points from 0 to -1, for a line of unit length; shape (order + 1,) squared."""
     nodes = 0.5 * (np.cos(np.pi * np.arange(order + 1) / order) - 1.0)
@@ -248,4 +250,5 @@ def differentiation(order: int) -> Array:
     made = weights[None, :] / weights[:, None] / gaps
     np.fill_diagonal(made, 0.0)
     np.fill_diagonal(made, -made.sum(axis=1))
+    made.setflags(write=False)
     return made

@@ -16,7 +16,8 @@ from ..fmi import Variable
 from ..master.running_instances import instantiate
 from ..simulation.run import Prepared
 from ..system.system import Instance, System
-from .from_system import chains_of, refusal
+from .closing import chains_of
+from .from_system import refusal
 from .inner_delays import initial_gains
 from .statespace import StateSpace, linearised, real_ports, state_names
 

@@ -12,6 +12,7 @@ from orchestrator.base.errors import ConfigError
 from orchestrator.cli.main import main
 from orchestrator.frequency import (
     DelaySystem,
+    Link,
     chart_figure,
     chart_of,
     config_chart,
@@ -58,6 +59,27 @@ def test_a_border_that_closes_and_one_through_zero():
     moving = lines[lines[:, 2] > 1e-2]
     expected = np.arccos(1.0 / moving[:, 0]) / np.sqrt(moving[:, 0] ** 2 - 1.0)
     np.testing.assert_allclose(moving[:, 1], expected, atol=1e-3 * 0.6)
+
+
+@pytest.mark.parametrize("turned", [1.0, -1.0], ids=["unstable", "stable"])
+@pytest.mark.parametrize("place", [(0.317, 0.604), (0.0431, 0.948), (0.7012, 0.2207)])
+@pytest.mark.parametrize("steep", [0.2, 20.0])
+def test_an_island_of_a_hundredth_of_the_range_is_found(place, turned, steep):
+    """Of a pair of roots that is dominant nowhere but there, beside a slow root and a delayed loop."""
+
+    def made(x, y):
+        real = turned * steep * (0.005**2 - (x - place[0]) ** 2 - (y - place[1]) ** 2)
+        a = np.diag([real, real, -0.02, -5.0])
+        a[0, 1], a[1, 0] = 3.0, -3.0
+        b, c = np.zeros((4, 1)), np.zeros((1, 4))
+        b[3], c[0, 3] = 1.0, 1.0
+        names = ("p.a", "p.b", "p.c", "p.d"), ("p.u",), ("p.y",)
+        return DelaySystem(a, b, c, np.zeros((1, 1)), *names, (Link("late", 0, 0, -0.5, 0.2),))
+
+    (line,) = chart_of(made, (0.0, 1.0), (0.0, 1.0)).border
+    radius = np.hypot(line[:, 0] - place[0], line[:, 1] - place[1])
+    assert radius == pytest.approx(0.005, abs=1e-5)
+    assert line[:, 2] == pytest.approx(3.0 / (2.0 * np.pi), rel=1e-6)
 
 
 def test_a_chart_over_the_communication_step_is_of_the_co_simulation():

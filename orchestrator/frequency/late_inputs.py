@@ -1,0 +1,138 @@
+"""Inputs that act after a delay within an FMU, from two runs that differ in a step of the input."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from ..base.errors import OrchestratorError, Problem
+from ..simulation.run import Prepared
+from ..system.system import Instance
+from .measured_part import answer, passage
+from .statespace import LateInput, StateSpace
+
+__all__ = ["MEASURE", "acts", "find_late_input"]
+
+Array = NDArray[np.float64]
+
+_MOST_STEPS = 5_000
+# Samples after the first answer that the delay and the gains are fitted to.
+_SAMPLES = 24
+# Of the fit, relative to the answer: a delay is one only if nothing else remains.
+_LEFT = 2e-3
+# An answer that falls with the step's height by more than this has no linear part.
+_BENT = 0.6
+
+MEASURE = "Measure the loop with orchestrator.frequency.sweep_system."
+
+
+def acts(part: StateSpace, name: str) -> bool:
+    """Whether an input acts on a state's derivative or an output at once."""
+    column = part.inputs.index(name)
+    return bool(part.b[:, column].any() or part.d[:, column].any())
+
+
+def find_late_input(
+    one: Instance,
+    part: StateSpace,
+    name: str,
+    values: Mapping[str, Any],
+    prepared: Prepared,
+    hidden: dict[str, LateInput],
+    notes: list[str],
+    problems: list[Problem],
+) -> None:
+    """An input that acts on nothing at once: the delay that it stands behind, or why there is none."""
+    if acts(part, name):
+        return
+    found = _measured(one, part, name, values, prepared)
+    if found == "idle":
+        notes.append(f"{one.name}.{name} acts on nothing at the start; it is left open")
+    elif isinstance(found, str):
+        what = f"at the operating point input {name} changes no output and no state's derivative at once"
+        between = "an inactive part of the model, as an open contact, a delay or a sample lies between"
+        problems.append(Problem(one.name, f"{what}: {between}; {found}", "", MEASURE))
+    else:
+        hidden[f"{one.name}.{name}"] = found
+        notes.append(f"{one.name}.{name} acts after a delay of {found.delay:.9g} s within the FMU (measured)")
+
+
+def _measured(
+    one: Instance, part: StateSpace, name: str, values: Mapping[str, Any], prepared: Prepared
+) -> LateInput | Literal["idle"] | str:
+    """The delay between an input and the states, from two runs that differ in a step of it.
+
+    Returns: "idle" if nothing answers a small step, else why what answers is no delay before the states.
+    """
+    step = float(prepared.grid.step_size)
+    watched = [*part.states, *(key for key in part.outputs if key not in part.states)]
+    values = {key: values[key] for key in part.inputs}
+    try:
+        found = answer(one, name, values, watched, prepared, _MOST_STEPS, 4 * _SAMPLES)
+    except OrchestratorError as error:
+        return f"it cannot be run on its own to look for a delay: {str(error).splitlines()[0]}"
+    size = np.max(abs(found), axis=0)
+    unlike = "what answers a step of it later is no pure delay"
+    scale = np.where(size > 0.0, size, 1.0)
+    moved = np.flatnonzero(np.max(abs(found) / scale, axis=1) > 1e-9)
+    if not moved.size:
+        return "idle"
+    half = answer(one, name, values, watched, prepared, len(found) - 1, len(found), 0.5)
+    count = min(len(half), len(found))
+    if np.all(np.max(abs(half[:count]), axis=0) <= _BENT * np.max(abs(found[:count]), axis=0)):
+        return "idle"
+    states = len(part.states)
+    onset = int(moved[0])
+    rows = np.arange(onset, min(onset + _SAMPLES, len(found)))
+    if len(rows) < 4:
+        return unlike
+    outputs = np.array([watched.index(key) for key in part.outputs], np.intp)
+    through = np.zeros(len(part.outputs))
+    if not size[:states].any():
+        # Nothing but the delay lies between input and outputs: they jump when it is over.
+        jump = found[rows[-1]]
+        if np.max(abs(found[rows] - jump) / scale) > _LEFT:
+            return unlike
+        which = int(np.argmax(size))
+        delay = passage(one, name, values, watched[which], prepared, step * max(onset - 1, 0))
+        return LateInput(delay, np.zeros(states), jump[outputs])
+    wanted = found[rows, :states] / scale[:states]
+    transition, whole = scipy.linalg.expm(part.a * step), _integral(part.a, step)
+
+    def fitted(delay: float) -> tuple[float, Array]:
+        since = step * rows - delay
+        parts = [_integral(part.a, max(since[0], 0.0)), _integral(part.a, max(since[1], 0.0))]
+        while len(parts) < len(rows):
+            parts.append(whole + transition @ parts[-1])
+        design = np.concatenate([one / scale[:states, None] for one in parts])
+        gains, *_ = np.linalg.lstsq(design, wanted.ravel(), rcond=None)
+        return float(np.linalg.norm(design @ gains - wanted.ravel())), gains
+
+    from scipy.optimize import minimize_scalar
+
+    low, high = step * max(onset - 1, 0), step * onset
+    best = minimize_scalar(
+        lambda delay: fitted(delay)[0], bounds=(low, high), method="bounded", options={"xatol": 1e-12}
+    )
+    delays = [float(best.x), low, high]
+    misfits = [fitted(delay)[0] for delay in delays]
+    delay = delays[int(np.argmin(misfits))]
+    misfit, gains = fitted(delay)
+    if misfit > _LEFT * np.linalg.norm(wanted):
+        return unlike
+    if states < len(watched):
+        left = found[rows][:, outputs] - found[rows, :states] @ part.c.T
+        through = left[-1] if np.max(abs(left[-1]) / scale[outputs]) > 1e-6 else through
+    return LateInput(delay, gains, through)
+
+
+def _integral(a: Array, time: float) -> Array:
+    """Integral of exp(A t) from 0 to `time`, shape of A."""
+    n = len(a)
+    whole = np.zeros((2 * n, 2 * n))
+    whole[:n, :n], whole[:n, n:] = a, np.eye(n)
+    return scipy.linalg.expm(whole * time)[:n, n:]
