@@ -18,7 +18,7 @@ from ..sources import Location
 from . import expression as ex
 from .dae import DaeModel
 from .expression import Expr
-from .matching import Block, augmented, blocks_of
+from .matching import Block, blocks_of, matched
 
 __all__ = ["Check", "initial_system", "parameter_values", "places_of"]
 
@@ -82,12 +82,9 @@ def initial_system(
     now = {ex.symbol("delayed", k): one.operand for k, one in enumerate(model.delays)}
     for _ in now:  # one may delay another
         equations = [ex.substituted(one, now) for one in equations]
-    owner: dict[Expr, int] = {}
-    surplus = []
-    for number in range(len(equations)):
-        matched = augmented(number, equations, sought, owner, set(), set())
-        if not matched and begins <= number < len(required) + len(starts):
-            surplus.append(number)
+    owner = matched(equations, sought, parameters)
+    used = set(owner.values())
+    surplus = [n for n in range(begins, len(required) + len(starts)) if n not in used]
     if missing := [one for one in sorted(sought, key=lambda one: one.args[1:]) if one not in owner]:
         names = listed(model.name_of(one) for one in missing)
         what = f"initialisation does not determine {names}; give start values with fixed=true"
@@ -124,7 +121,6 @@ def initial_system(
             checks.append(Check(agrees, shown))
     if told:
         raise (PlacedError if any(model.declared) else BuildError)("\n".join(told))
-    used = set(owner.values())
     taken = [one.name for k, one in enumerate(weak) if len(required) + len(starts) + k in used]
     if taken:
         notes.append(f"started at their start values, though not fixed: {', '.join(taken)}")

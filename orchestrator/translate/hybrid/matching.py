@@ -71,11 +71,26 @@ def _ordered(equation: Expr, allowed: set[Expr]) -> list[Expr]:
     return sorted(equation.free & allowed, key=lambda one: (one.args[0] != "der", one.args[1:]))
 
 
-def matched(equations: Sequence[Expr], unknowns: set[Expr]) -> dict[Expr, int]:
-    """The number of the equation that determines each unknown, of as many as can be."""
+def matched(
+    equations: Sequence[Expr], unknowns: set[Expr], parameters: Mapping[Expr, Expr]
+) -> dict[Expr, int]:
+    """The number of the equation that determines each unknown, of as many as can be.
+
+    Where it can be done, no equation determines what one of its parameters multiplies that is 0, as two of
+    the three components of an axis are. Earlier equations come first.
+
+    Args:
+        parameters: their numbers, by symbols.
+    """
+    zeros = {one: value for one, value in parameters.items() if value is ex.ZERO}
+    known: dict[int, Expr] = {}
     owner: dict[Expr, int] = {}
-    for number in range(len(equations)):
-        augmented(number, equations, unknowns, owner, set(), set())
+    for tried in ([ex.substituted(one, zeros, known) for one in equations], equations):
+        owner = {}
+        for number in range(len(equations)):
+            augmented(number, tried, unknowns, owner, set(), set())
+        if len(owner) == len(unknowns):
+            break
     return owner
 
 

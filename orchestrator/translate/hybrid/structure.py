@@ -76,7 +76,8 @@ def solve_order(model: DaeModel) -> System:
             raise model.refusal(
                 f"no equation determines {by_symbol[one].name}; add one that holds it", model.place_of(one)
             )
-    owner = matched(ordered, set(unknowns))
+    parameters = parameter_values(model)
+    owner = matched(ordered, set(unknowns), parameters)
     if missing := [one for one in unknowns if one not in owner]:
         names = listed(model.name_of(one) for one in missing)
         raise model.refusal(
@@ -87,7 +88,6 @@ def solve_order(model: DaeModel) -> System:
     known_nodes: dict[int, Expr] = {}
     actual = [ex.substituted(one, {ex.symbol("homotopy"): ex.ONE}, known_nodes) for one in ordered]
     constraints = [equation for number, equation in enumerate(actual) if number not in used]
-    parameters = parameter_values(model)
     blocks = blocks_of(actual, owner, parameters)
     notes = (
         [f"without a value, 0 until the importer sets one: {', '.join(model.valueless)}"]
@@ -215,6 +215,8 @@ def _alias(equation: Expr, by_symbol: dict[Expr, Scalar]) -> tuple[Expr, Expr] |
         a, b, sign = equation if equation.op == "sym" else equation.args[0], ex.ZERO, 1
     else:
         return None
+    if a.op == "num":
+        a, b = b, a
     if a.op != "sym" or b.op not in ("sym", "num"):
         return None
     for variable, other in ((a, b), (b, a)):
@@ -288,11 +290,24 @@ def _reduced(model: DaeModel, states: list[Expr], algebraics: list[Expr]) -> lis
         else:
             raise _singular(model, seen)
     # Of each chain the last derivative, then the equation itself, then those between: what is left unmatched
-    # is then as low as can be, and constrains the states alone.
+    # is then as low as can be, and constrains the states alone. Of each kind those come first that are solved
+    # for their unknowns without division or roots: a length follows from its components, not they from it.
     lasts = [n for n in range(len(equations)) if n not in higher]
     firsts = [n for n in range(len(model.equations)) if n in higher]
     between = [n for n in range(len(model.equations), len(equations)) if n in higher]
-    return [equations[n] for n in (*lasts, *firsts, *between)]
+    known = set(states)
+
+    def hardness(number: int) -> int:
+        found = [
+            ex.linear(equations[number], one)
+            for one in equations[number].free - known
+            if _continuous(one, by_symbol)
+        ]
+        plain = [one is not None and one[0].op == "num" for one in found]
+        return 0 if all(plain) else 1 if any(plain) else 2
+
+    order = (*lasts, *sorted(firsts, key=hardness), *sorted(between, key=hardness))
+    return [equations[n] for n in order]
 
 
 def _singular(model: DaeModel, seen: Iterable[Expr]) -> BuildError:

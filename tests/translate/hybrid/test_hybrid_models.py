@@ -868,3 +868,20 @@ end M;
     assert run(fmu, 1.0, 1.0, "x")["x"][-1] == pytest.approx(1, rel=1e-9)
     other = run(fmu, 1.0, 1.0, "x", start_values={"p[3]": 4.0})
     assert other["x"][-1] == pytest.approx(2, rel=1e-9)
+
+
+def test_no_equation_is_solved_for_what_a_zero_parameter_multiplies(tmp_path):
+    """A body turned about e = (0, 0, 1): two of three equations for its acceleration say 0 = 0."""
+    text = """
+model M
+  parameter Real e[3] = {0, 0, 1};
+  Real w(start=1, fixed=true), v[3], t[3];
+equation
+  v = e*w;
+  2*der(v) = t;
+  e*t = -w;
+end M;
+"""
+    found = run(made(tmp_path, text), 1.0, 1.0, "w", "v[3]")
+    assert found["w"][-1] == pytest.approx(math.exp(-0.5), rel=1e-7)
+    assert found["v[3]"][-1] == pytest.approx(math.exp(-0.5), rel=1e-7)
