@@ -885,3 +885,27 @@ end M;
     found = run(made(tmp_path, text), 1.0, 1.0, "w", "v[3]")
     assert found["w"][-1] == pytest.approx(math.exp(-0.5), rel=1e-7)
     assert found["v[3]"][-1] == pytest.approx(math.exp(-0.5), rel=1e-7)
+
+
+def test_a_length_follows_from_its_components_where_one_of_them_is_zero(tmp_path):
+    """A mass on a spring and damper along the first axis: (s - 1/2)'' = -(s - 1/2) - 0.2 s'."""
+    text = """
+model M
+  constant Real e[2, 2] = [1, 0; 0, 1];
+  Real x[2](start={1, 0}, each fixed=true), v[2](start={0, 0}, each fixed=true);
+  Real r[2], turn[2, 2], length, s;
+equation
+  {1, 1} = {turn[1, 1], turn[2, 2]};
+  {turn[1, 2], turn[2, 1]} = {0, 0};
+  r = turn*x;
+  length = sqrt(r*r);
+  s = if length > 1e-10 then length else 1e-10;
+  der(x) = v;
+  der(v) = -(s - 0.5 + 0.2*der(s))*r/s;
+end M;
+"""
+    found = run(made(tmp_path, text), 2.0, 0.5, "s", "x[2]")
+    rate = math.sqrt(1 - 0.01)
+    t = found["time"]
+    exact = 0.5 + 0.5 * np.exp(-0.1 * t) * (np.cos(rate * t) + 0.1 / rate * np.sin(rate * t))
+    np.testing.assert_allclose(found["s"], exact, rtol=1e-6)
