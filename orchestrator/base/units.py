@@ -308,7 +308,7 @@ def quantity_in(
         unit: the variable's unit.
         display_units: the display units that the FMU declares for it, by name.
         difference: see `Quantity.exactly`.
-    Raises: UnitError, telling both readings where Hz and rad/s meet.
+    Raises: UnitError, which states both readings where Hz and rad/s meet.
     """
     match = _QUANTITY.fullmatch(text)
     if match is None:

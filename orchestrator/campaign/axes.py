@@ -137,7 +137,7 @@ class Axis:
         """The value of a number in the axis's unit.
 
         Args:
-            whole: what `whole` tells.
+            whole: see `whole`.
         """
         if self.start:
             value = round(number) if whole else float(number)

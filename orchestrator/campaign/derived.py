@@ -267,7 +267,7 @@ def unknown_numbers(
 ) -> list[Problem]:
     """Problems of names outside reducers that no run has a number for.
 
-    What measures find can only be told by a run: of those names only such are judged that are an instance's.
+    What measures find is known after a run only: of those names only those of instances are checked.
 
     Args:
         parameters: and start values, as instance.variable, that are numbers.

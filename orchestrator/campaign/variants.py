@@ -66,7 +66,7 @@ class Variants:
         return known[name, file]
 
     def sources(self, path: str, level: Level) -> list[str]:
-        """Of the effect that a value of an axis over effects names: its name does not tell its code."""
+        """Of the effect that a value of an axis over effects names: its name does not identify its code."""
         known = self._sources.get((path, level))
         if known is None:
             try:

@@ -87,13 +87,13 @@ def sweep_main(args: argparse.Namespace) -> int:
                 sep="\n",
             )
         return 0
-    with counting(len(study), study.name, "run", not args.quiet) as tell:
+    with counting(len(study), study.name, "run", not args.quiet) as report:
         swept = sweep(
             study,
             args.store,
             pool=pool,
             retry_failed=args.retry_failed,
-            progress=lambda done, of, failed: tell(done, of, f"{failed} failed" if failed else ""),
+            progress=lambda done, of, failed: report(done, of, f"{failed} failed" if failed else ""),
         )
     if args.json:
         print(json.dumps(swept.data() | {"step_halving": study.model.step_halving}, ensure_ascii=False))

@@ -167,9 +167,9 @@ def _print_if_json(args: argparse.Namespace, data: Mapping[str, Any]) -> bool:
 @contextmanager
 def _bar(total: int, label: str, shown: bool) -> Iterator[Callable[[str], None]]:
     """Counts cases on a terminal."""
-    with counting(total, label, "case", shown) as tell:
+    with counting(total, label, "case", shown) as advance:
         numbers = count(1)
-        yield lambda name: tell(next(numbers), total)
+        yield lambda name: advance(next(numbers), total)
 
 
 def _seed(text: str) -> int | None:

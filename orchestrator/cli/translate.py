@@ -162,9 +162,9 @@ def _check(args: argparse.Namespace) -> int:
             }
             for one in found.findings
         ]
-        told = {"exit_code": code, "model": found.model, "problems": problems}
-        told |= {"unchecked": list(found.unchecked), "notes": list(found.notes)}
-        print(json.dumps(told, ensure_ascii=False))
+        data = {"exit_code": code, "model": found.model, "problems": problems}
+        data |= {"unchecked": list(found.unchecked), "notes": list(found.notes)}
+        print(json.dumps(data, ensure_ascii=False))
         return code
     if found.findings:
         print(found.text())

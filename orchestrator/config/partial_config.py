@@ -86,7 +86,7 @@ class _Reader:
     """Reads what is right of a config.
 
     Attributes:
-        problems: that the error does not tell, because pydantic looks at a part as a whole only if all that
+        problems: that the error does not list, because pydantic looks at a part as a whole only if all that
             is in it is right.
     """
 

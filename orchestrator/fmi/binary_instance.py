@@ -43,7 +43,7 @@ class NativeCalls(NamedTuple):
         component: the FMU's handle.
         step: address of the step function.
         no_rollback: whether no state is kept.
-        returned: addresses where a step tells: event, terminate, early return, time reached.
+        returned: addresses to which a step writes: event, terminate, early return, time reached.
         asked: addresses of functions that FMI 2 gives terminate and time reached by; 0 without one.
         inputs, outputs: what is set before a step and read after it.
         bend: address of the function that takes derivatives of inputs; 0 without one.

@@ -61,7 +61,7 @@ def cause_of_death(code: int) -> str:
 
 
 def _leave_with_the_parent(parent: int) -> None:
-    # The pipe's end tells an idle process; one that hangs in what it was told to do needs this.
+    # An idle process sees the pipe's end; one that hangs in a task needs this.
     while os.getppid() == parent:
         time.sleep(1.0)
     os._exit(1)

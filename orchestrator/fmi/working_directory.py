@@ -1,6 +1,6 @@
 """The working directory, which FMUs are met that change and on which everybody's relative paths depend.
 
-It belongs to the process, not to a thread: who asks for it while another thread loads an FMU would be told a
+It belongs to the process, not to a thread: who asks for it while another thread loads an FMU would get a
 folder inside that FMU, and go back there after it was removed. Hence one thread at a time.
 """
 

@@ -428,7 +428,7 @@ class Instances:
     def link_statistics(self) -> dict[str, Any]:
         """What links to external programs counted, by instance."""
         links = {one.name: getattr(one, "link_statistics", None) for one in self.running}
-        return {name: tell() for name, tell in links.items() if tell is not None}
+        return {name: read() for name, read in links.items() if read is not None}
 
     def _read_texts(self, index: int) -> None:
         names = self.layout.text_outputs[index]

@@ -191,7 +191,7 @@ def _about(run: RunFolder) -> str:
         rows.append(["recorded", f"{len(run.results)} instants of {len(run.results.signals)} signals"])
     rows.append(["folder", run.name])
     body = "".join(f"<tr><td>{escape(a)}</td><td>{escape(number(b))}</td></tr>" for a, b in rows)
-    return f"<table class=told>{body}</table>"
+    return f"<table class=facts>{body}</table>"
 
 
 def _whole(run: RunFolder) -> str:

@@ -56,7 +56,7 @@ class Measure(Protocol):
     def scene(self, results: Results, options: Any) -> dict[str, Any] | None:
         """What moves, for the view of motion in a report: see `orchestrator.docking.scene`."""
 
-    # Only where it knows more of the linear system than the FMUs tell:
+    # Only where it knows more of the linear system than the FMUs state:
 
     def linear_point(self, prepared: Any, options: Any) -> Any:
         """Operating point and laws of instances: see `orchestrator.frequency.from_system.LinearPoint`."""

@@ -72,7 +72,7 @@ def counting(total: int, label: str, unit: str, shown: bool = True) -> Iterator[
         total: how many there are, if that is known.
         unit: what is counted.
         shown: whether it is wanted.
-    Returns: tell(done, of, note=""): how many are done, of how many, and what to show beside it.
+    Returns: advance(done, of, note=""): how many are done, of how many, and what to show beside it.
     """
     from tqdm import tqdm
 
@@ -86,7 +86,7 @@ def counting(total: int, label: str, unit: str, shown: bool = True) -> Iterator[
         dynamic_ncols=True,
     ) as bar:
 
-        def tell(done: int, of: int, note: str = "") -> None:
+        def advance(done: int, of: int, note: str = "") -> None:
             if bar.disable:
                 return
             bar.total = of
@@ -96,4 +96,4 @@ def counting(total: int, label: str, unit: str, shown: bool = True) -> Iterator[
                 bar.set_postfix_str(note, refresh=False)
             bar.update(done - bar.n)
 
-        yield tell
+        yield advance

@@ -98,7 +98,7 @@ def find_bonds(
     common are found, nobody but the author can say which of them carries the energy: both are left out,
     and with them all others between the same two instances.
     Between two instances that are connected by a flow and its displacement, the displacement counts, and the
-    bond tells the other.
+    bond names the other.
 
     Args:
         connections: of the system.
@@ -341,7 +341,7 @@ def _broken(bond: Bond) -> str:
 
 def _kinds(
     bond: Bond,
-    told: bool | None,
+    declared: bool | None,
     variable: Callable[[Port], Variable],
     place: str,
     problems: list[Problem],
@@ -352,7 +352,7 @@ def _kinds(
     for port in (bond.motion, *(one.source for one in bond.flow)):
         motion = variable(port)
         if effort.unit is None or motion.unit is None:
-            kinds.append(bool(told))
+            kinds.append(bool(declared))
             continue
         found = moves_by(effort.unit, motion.unit)
         if found is None:

@@ -65,9 +65,9 @@ def _unknown_reference(trial: Trial, instance: Any) -> None:
         for one in trial.description.variables.values()
         if one.kind is Kind.REAL and not one.shape and one.causality is not Causality.INDEPENDENT
     )
-    stray = replace(known, name="nowhere", reference=_NOWHERE, elements=1, element=0)
+    unknown = replace(known, name="nowhere", reference=_NOWHERE, elements=1, element=0)
     instance.description = replace(
-        trial.description, variables={**trial.description.variables, "nowhere": stray}
+        trial.description, variables={**trial.description.variables, "nowhere": unknown}
     )
     instance.get_values(["nowhere"])
 

@@ -68,12 +68,12 @@ def any_law(
     # What the encoder deviates slowly on every rig makes shapes say less.
     slow = inflation(fitter.marginal.left(fit.residuals)[0::2])
     moved, pushed = along(0, motion_shapes).evidence(slow), along(1, force_shapes)
-    told = []
+    gains = []
     for one in dict.fromkeys((WHITE, colour)):
         louder = noise**2 + one.deviation**2 * (1.0 + one.keep) / (1.0 - one.keep)
         less = colour.log_likelihood - one.log_likelihood
-        told.append(pushed.evidence(louder) - less)
-    return max(moved, 0.0), max(float(logsumexp(told)) - math.log(len(told)), 0.0)
+        gains.append(pushed.evidence(louder) - less)
+    return max(moved, 0.0), max(float(logsumexp(gains)) - math.log(len(gains)), 0.0)
 
 
 class _Along(NamedTuple):
@@ -121,19 +121,19 @@ def _evidence(square: Array, product: Array, families: Mapping[str, Array]) -> f
     Many small ones may make up a law, but beside dozens that are none a single one hardly shows. Runs in
     which nothing moves nor touches show none.
     """
-    told = []
+    found = []
     for of in families.values():
         spread, turn = np.linalg.eigh(square[np.ix_(of, of)])
-        told.append(logsumexp(_told(np.maximum(spread, 0.0), turn.T @ product[of]).sum(axis=0)))
+        found.append(logsumexp(_shape_evidence(np.maximum(spread, 0.0), turn.T @ product[of]).sum(axis=0)))
     common = [of for name, of in families.items() if name not in ONE_BY_ONE]
     if common:
         one = np.concatenate(common)
-        single = _told(np.maximum(np.diagonal(square)[one], 0.0), product[one])
-        told.append(logsumexp(single) - math.log(len(one)))
-    return float(logsumexp(told)) - math.log(len(told) * len(_SIZES)) if told else 0.0
+        single = _shape_evidence(np.maximum(np.diagonal(square)[one], 0.0), product[one])
+        found.append(logsumexp(single) - math.log(len(one)))
+    return float(logsumexp(found)) - math.log(len(found) * len(_SIZES)) if found else 0.0
 
 
-def _told(spread: Array, along: Array) -> Array:
+def _shape_evidence(spread: Array, along: Array) -> Array:
     """Log evidence of shapes that do not overlap, by their squares and products, shape (shapes, sizes)."""
     spread, along = spread[:, None], along[:, None]
     return 0.5 * (along**2 / (spread + _SIZES**-2.0) - np.log1p(_SIZES**2 * spread))

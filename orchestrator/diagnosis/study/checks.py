@@ -24,7 +24,7 @@ Signals = Mapping[Port, Array]
 
 # Misfit of a port, over the variance of its log, from which on a mistake is sought; what it may be once that
 # is corrected, and as what share of the misfit before.
-_WRONG, _FITS, _MENDED = 0.25, 0.25, 0.1
+_WRONG, _FITS, _ENOUGH = 0.25, 0.25, 0.1
 
 # A model that moves by no more times the noise is at rest.
 _REST = 3.0
@@ -239,10 +239,10 @@ def _mistake(replay: Replay, run: PortRun, given: Signals) -> Mistake | None:
     if not wrong:
         return None
     found = []
-    for port, remedy, mended in (*_factors(study, run), *_exchanged(study, run)):
-        after = _misfits(study, mended, replay.signals(mended) if _drives(study, run, mended) else given)
+    for port, remedy, other in (*_factors(study, run), *_exchanged(study, run)):
+        after = _misfits(study, other, replay.signals(other) if _drives(study, run, other) else given)
         share = sum(after.get(one, np.inf) for one in wrong) / sum(before[one] for one in wrong)
-        if share < _MENDED and max(after.values(), default=np.inf) < _FITS:
+        if share < _ENOUGH and max(after.values(), default=np.inf) < _FITS:
             found.append((share, port, remedy))
     if not found:
         return None

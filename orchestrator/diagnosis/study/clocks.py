@@ -20,7 +20,7 @@ Signals = Mapping[str, Mapping[Port, Array]]
 
 # Mean square residual of a port, in squares of its noise, from which on something is missed; the share of
 # that excess which another clock may leave, and which a shift by whole samples may leave before the fit.
-_MISSED, _MENDED, _NEAR = 4.0, 0.1, 0.4
+_MISSED, _ENOUGH, _NEAR = 4.0, 0.1, 0.4
 # Part of the shortest run by which a clock may be off; how many of the best groups of columns are fitted, by
 # how many steps, and by how many samples at most in each.
 _LONGEST, _KEPT, _STEPS, _FARTHEST = 0.25, 3, 6, 20.0
@@ -82,17 +82,17 @@ def wrong_clocks(replay: Replay, given: Signals) -> tuple[list[Problem], list[Wa
     if not (np.round(clock.shifts).any() or clock.drifts.any()):
         return [], []
     plain = _squares(study, _calibrated(_residuals(study, logs, given), slopes, study))
-    mended = _mended(study, clock)
-    confirming = Replay(mended)
-    simulated = {run.name: confirming.signals(run) for run in mended.runs}
-    corrected = {run.name: _bounded(mended, run, simulated[run.name]) for run in mended.runs}
+    moved = _moved(study, clock)
+    confirming = Replay(moved)
+    simulated = {run.name: confirming.signals(run) for run in moved.runs}
+    corrected = {run.name: _bounded(moved, run, simulated[run.name]) for run in moved.runs}
     cut = {
         run.name: {port: _rows(clock, number, len(run))[1](one) for port, one in slopes[run.name].items()}
         for number, run in enumerate(study.runs)
     }
-    after = _squares(mended, _calibrated(_residuals(mended, corrected, simulated), cut, mended))
-    if not _ratio(after, plain) < _MENDED or any(
-        after[port] > max(_MISSED, _MENDED * plain[port]) for port in after if plain[port] > _MISSED
+    after = _squares(moved, _calibrated(_residuals(moved, corrected, simulated), cut, moved))
+    if not _ratio(after, plain) < _ENOUGH or any(
+        after[port] > max(_MISSED, _ENOUGH * plain[port]) for port in after if plain[port] > _MISSED
     ):
         return [], []
     worst = max(before, key=lambda port: before[port])
@@ -327,7 +327,7 @@ def _rows(
     return (lambda log: np.interp(at[first:last], k, log)), (lambda log: log[first:last])
 
 
-def _mended(study: PortStudy, clock: _Clock) -> PortStudy:
+def _moved(study: PortStudy, clock: _Clock) -> PortStudy:
     """The study with the clock of the columns corrected."""
     runs = []
     for number, run in enumerate(study.runs):

@@ -85,7 +85,7 @@ def headline(summary: Mapping[str, Any]) -> str:
     return (
         f"{summary['numbers']} numbers. Held against a statement of the paper: {source['agree']} agree, "
         f"{source['differ']} differ. Held against theory or the rig model, where the paper gives no number: "
-        f"{theory['agree']} agree, {theory['differ']} differ. The other {rest} are told without a verdict."
+        f"{theory['agree']} agree, {theory['differ']} differ. The other {rest} are stated without a verdict."
     )
 
 
@@ -97,10 +97,10 @@ def _section(entry: Mapping[str, Any], images: Mapping[str, str], said: set[str]
             yield f"<p>{escape(paragraph)}</p>"
     said.update(entry["about"])
     for message in entry["errors"]:
-        yield f'<p class="error">This run failed, so nothing is told of the experiment: {escape(message)}</p>'
+        yield f'<p class="error">This run failed, so no result is stated: {escape(message)}</p>'
     if entry["quantities"]:
         heads = "".join(f"<th scope=col><button type=button>{one}</button></th>" for one in _COLUMNS)
-        yield (f"<div class=wide><table class='told sorts'>\n<thead><tr>{heads}</tr></thead>\n<tbody>")
+        yield (f"<div class=wide><table class='facts sorts'>\n<thead><tr>{heads}</tr></thead>\n<tbody>")
         yield from map(_row, entry["quantities"])
         yield "</tbody>\n</table></div>"
     for name, caption in entry["figures"].items():

@@ -60,12 +60,12 @@ def record(
     found: dict[tuple[Case, bool], Recorded | Failed] = {}
     pool = pool_of(jobs=min(jobs or cores(), max(len(tasks), 1)))
     with (
-        counting(len(tasks), "reproduce", "run", progress) as tell,
+        counting(len(tasks), "reproduce", "run", progress) as report,
         closing(pool.outcomes(Work(_run_task), tasks)) as outcomes,  # type: ignore[type-var]
     ):
         for outcome in outcomes:
             found[outcome.task] = _made(outcome)
-            tell(len(found), len(tasks))
+            report(len(found), len(tasks))
     made: dict[Case, Pair | Failed] = {}
     for case in wanted:
         whole, halved = found[case, False], found[case, True]

@@ -1,6 +1,6 @@
 """System structure packages and descriptions -> configs.
 
-What a config has no word for is refused with its place; what SSP leaves to its reader is told as a note. Step
+What a config has no word for is refused with its place; what SSP leaves to its reader is a note. Step
 size and master algorithm are no part of SSP: they come from our annotation, or have to be given.
 
 Of the libraries for SSP, fmpy's reader knows version 1.0 only and drops transformations of connections and

@@ -1,7 +1,7 @@
 """The coupling ledger: the energy that holding inputs over communication steps makes or destroys.
 
 Take an effort e [N, N.m, V, Pa] that instance A gives and B takes, and the flow f [m/s, rad/s, A, m3/s] with
-which B answers and which A is told of. Over a step B works with what it was given for e, written e~, A with
+which B answers and which A receives. Over a step B works with what it was given for e, written e~, A with
 what it was given for f, written f~. Then
 
     taken   = integral of e~ f dt       energy that B takes in

@@ -217,10 +217,10 @@
       canvas.width = Math.round(wide * ratio); canvas.height = Math.round(high * ratio);
     }
     context.clearRect(0, 0, canvas.width, canvas.height);
-    const told = state.view === "tip" ? drawTip(state.at) : drawBodies(state.at);
+    const lines = state.view === "tip" ? drawTip(state.at) : drawBodies(state.at);
     context.font = `${12.5 * ratio}px system-ui, sans-serif`;
     context.fillStyle = style("--text");
-    told.forEach((text, i) => context.fillText(text, 10 * ratio, (20 + 17 * i) * ratio));
+    lines.forEach((text, i) => context.fillText(text, 10 * ratio, (20 + 17 * i) * ratio));
     slider.value = state.at;
     slider.setAttribute("aria-valuetext", `${time[state.at].toFixed(3)} s`);
     output.textContent = `${time[state.at].toFixed(3)} of ${time[last].toFixed(3)} s`;

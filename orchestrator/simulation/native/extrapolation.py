@@ -52,7 +52,7 @@ def predict(ahead, point, values):
     """Begin the step from a point: how the signals are supposed to run over it.
 
     Args:
-        ahead: address of what `Curves` tells.
+        ahead: address of the tables of `Curves`.
         point: index of the point; from 0 on, one after the other.
         values: address of the signals.
     Returns: the order of the curves; 0 where inputs hold.

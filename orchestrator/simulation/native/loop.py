@@ -84,7 +84,7 @@ def run_native(
         begin = perf_counter_ns()
         done = native.take(index, times)
         took = perf_counter_ns() - begin
-        native.tell_elapsed(took)
+        native.share_elapsed(took)
         if seen is not None:
             count = done + native.failed
             seen(index, times[:count], columns[:, :count].T)
@@ -194,8 +194,8 @@ class _Native:
         """Whether the steps taken last ended with one that failed."""
         return bool(self.outcome[Outcome.PHASE] != Phase.DONE)
 
-    def tell_elapsed(self, took: int) -> None:
-        """Report the duration of the instances' steps that were timed; all together `took` [ns]."""
+    def share_elapsed(self, took: int) -> None:
+        """Share out the duration of the instances' steps that were timed; all together `took` [ns]."""
         total = int(self.elapsed.sum())
         if total:
             # A step that was timed may by chance have been interrupted: they did not take longer than all.

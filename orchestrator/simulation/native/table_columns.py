@@ -86,9 +86,9 @@ class Ahead(_Column):
     SMOOTH = auto()  # whether a signal runs along a polynomial
     GIVEN = auto()  # by input, see `Given`
     SPANS = auto()  # where the signals of each instance begin, and end
-    BENDS = auto()  # table of calls that tell derivatives
+    BENDS = auto()  # table of calls that return derivatives
     BOUNDS = auto()  # where those of each instance begin, and end
-    PLACES = auto()  # of the inputs whose derivatives these tell
+    PLACES = auto()  # of the inputs whose derivatives these return
 
 
 class Given(_Column):

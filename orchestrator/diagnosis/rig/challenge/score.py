@@ -202,8 +202,10 @@ def score(folder: Path, verdicts: Path) -> dict[str, Any]:
     blind = note_opening(folder, {case: verdict.digest for case, verdict in found.items()})
     truth = open_truth(folder)["cases"]
     if set(truth) != set(cases):
-        odd = ", ".join(sorted(set(truth) ^ set(cases))[:5])
-        raise ConfigError([Problem(str(folder), f"cases and truth differ: {odd}", "cases as they were made")])
+        differ = ", ".join(sorted(set(truth) ^ set(cases))[:5])
+        raise ConfigError(
+            [Problem(str(folder), f"cases and truth differ: {differ}", "cases as they were made")]
+        )
     marked = [Marked(case, truth[case], found[case]) for case in cases]
     return {"truth": sealed, "blind": blind, **figures(marked), "each": [_line(one) for one in marked]}
 

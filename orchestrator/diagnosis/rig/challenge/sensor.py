@@ -22,7 +22,7 @@ def first_amplifier(position):
 
     By place: play of the hysteresis; instant of the last reading; force and charge then; tare, and whether
     it is taken; whether the upper range is on; a smoothed force; level that the gain follows; charge of its
-    cable [N], and where the rod was then [m]; whether it has told of a contact, and what is left of that
+    cable [N], and where the rod was then [m]; whether it has reported a contact, and what remains of that
     pulse [N].
     """
     amplifier = np.zeros(13)
