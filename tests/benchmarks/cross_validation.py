@@ -1,6 +1,6 @@
 """How a diagnosis does on the simulated cases that it learned from, each fifth by what the others teach.
 
-    python -m orchestrator.diagnosis.rig.calibrate --seen cases.json --out /dev/null
+    python -m tests.benchmarks.rig_calibration.calibrate --seen cases.json --out /dev/null
     python -m tests.benchmarks.cross_validation cases.json
 
 The first command weighs the cases, in about an hour on two cores; the second learns all of the map from
@@ -21,14 +21,14 @@ from types import SimpleNamespace
 from typing import cast
 
 from orchestrator.diagnosis.rig.answers import Group
-from orchestrator.diagnosis.rig.calibrate import _FORM, _chosen_kinds, _of_kinds, _read
 from orchestrator.diagnosis.rig.calibration import Calibration
 from orchestrator.diagnosis.rig.challenge.hidden import HARDWARE, HIDDEN
 from orchestrator.diagnosis.rig.challenge.score import BANDS, Marked, _ece, _ece_exact, band
 from orchestrator.diagnosis.rig.challenge.verdict import Answer, Verdict, answer_set
 from orchestrator.diagnosis.rig.fit import Fit
-from orchestrator.diagnosis.rig.learning import WeighedCase, learn, learn_leaves
 from orchestrator.diagnosis.rig.weigh import conclude
+from tests.benchmarks.rig_calibration.calibrate import _FORM, _chosen_kinds, _of_kinds, _read
+from tests.benchmarks.rig_calibration.learning import WeighedCase, learn, learn_leaves
 
 _FOLDS = 5
 

@@ -21,8 +21,8 @@ from orchestrator.diagnosis.rig.challenge.rig_parameters import CALIBRATED
 from orchestrator.diagnosis.rig.fit import Fitter
 from orchestrator.diagnosis.rig.model import RigModel
 from orchestrator.diagnosis.rig.search import roughness
-from orchestrator.diagnosis.rig.simulated_cases import logged, observed
 from orchestrator.diagnosis.rig.study import Role, Study
+from tests.benchmarks.rig_calibration.simulated_cases import logged, observed
 
 
 def fitter_of(study: Study, place: str) -> Fitter:

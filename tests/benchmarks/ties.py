@@ -28,9 +28,9 @@ from orchestrator.diagnosis.rig.experiments import _tied, next_experiment
 from orchestrator.diagnosis.rig.fit import Fitter
 from orchestrator.diagnosis.rig.menu import menu
 from orchestrator.diagnosis.rig.predicted_runs import Chain, Trial
-from orchestrator.diagnosis.rig.simulated_cases import logged, observed
 from orchestrator.diagnosis.rig.study import Role, Study
 from orchestrator.diagnosis.rig.weigh import weigh
+from tests.benchmarks.rig_calibration.simulated_cases import logged, observed
 from tests.diagnosis.labs import Noisy
 
 _ALIKE = (

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from orchestrator.base.errors import OrchestratorError
-from orchestrator.diagnosis.rig import calibrate
 from orchestrator.diagnosis.rig.answers import Answer, complete
-from orchestrator.diagnosis.rig.calibrate import _outcomes, _written, main
 from orchestrator.diagnosis.rig.calibration import FILE, Calibration, calibration
 from orchestrator.diagnosis.rig.challenge.draw import SHARES
-from orchestrator.diagnosis.rig.learning import WeighedCase, learn_leaves, learn_unseen
 from orchestrator.fmi.workers import Work, pool_of
+from tests.benchmarks.rig_calibration import calibrate
+from tests.benchmarks.rig_calibration.calibrate import _outcomes, _written, main
+from tests.benchmarks.rig_calibration.learning import WeighedCase, learn_leaves, learn_unseen
 
 
 def practised(number: int) -> WeighedCase:
@@ -118,7 +118,7 @@ def test_the_calibration_is_learned_by_its_command(tmp_path):
         "--out",
         str(out),
     ]
-    command = [sys.executable, "-m", "orchestrator.diagnosis.rig.calibrate", *options]
+    command = [sys.executable, "-m", "tests.benchmarks.rig_calibration.calibrate", *options]
     subprocess.run(command, check=True, capture_output=True)
     made = json.loads(out.read_text())
     assert made["format"] == "weigh/16" and made["provenance"]["seed"] == 5

@@ -147,7 +147,9 @@ def test_nothing_that_diagnoses_reaches_the_truth_or_the_kinds_outside():
     assert users["seal"] == own
     # The known kinds teach what evidence is worth; the fresh ones are kept for blind checks.
     assert users["outside_fresh"] == {"rig/challenge/make.py"}
-    assert users["outside"] == {"rig/challenge/make.py", "rig/calibrate.py"}
+    assert users["outside"] == {"rig/challenge/make.py"}
+    learning = (Path(__file__).parents[1] / "benchmarks" / "rig_calibration").glob("*.py")
+    assert not any("outside_fresh" in path.read_text(encoding="utf-8") for path in learning)
     for path in DIAGNOSIS.rglob("*.py"):
         if path.parent.name != "challenge":
             text = path.read_text(encoding="utf-8")

@@ -28,8 +28,8 @@ from orchestrator.diagnosis.rig.challenge.outside_fresh import FRESH
 from orchestrator.diagnosis.rig.challenge.rig import drive
 from orchestrator.diagnosis.rig.challenge.rig_parameters import CALIBRATED
 from orchestrator.diagnosis.rig.model import RigModel
-from orchestrator.diagnosis.rig.simulated_cases import observed
 from orchestrator.diagnosis.rig.software import ControllerReplay, DynamicsReplay
+from tests.benchmarks.rig_calibration.simulated_cases import observed
 
 _ALL = {**HIDDEN, **OUTSIDE, **FRESH}
 

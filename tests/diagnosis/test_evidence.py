@@ -23,12 +23,17 @@ from orchestrator.diagnosis.rig.link_effects import search_behind
 from orchestrator.diagnosis.rig.misfit import unexplained, wave
 from orchestrator.diagnosis.rig.model import RigModel
 from orchestrator.diagnosis.rig.nuisance import Weighing
-from orchestrator.diagnosis.rig.roughness_learning import RoughnessProblem, learn_roughness
 from orchestrator.diagnosis.rig.search import directions, roughness
-from orchestrator.diagnosis.rig.simulated_cases import ODDITIES, bare_study, simulated_case, simulated_study
 from orchestrator.diagnosis.rig.stochastic import sensor_noise
 from orchestrator.diagnosis.rig.study import Nominal, Role
 from orchestrator.diagnosis.rig.weigh import conclude
+from tests.benchmarks.rig_calibration.roughness_learning import RoughnessProblem, learn_roughness
+from tests.benchmarks.rig_calibration.simulated_cases import (
+    ODDITIES,
+    bare_study,
+    simulated_case,
+    simulated_study,
+)
 from tests.diagnosis.rigs import study
 from tests.diagnosis.test_weigh import named, noisy, own_study, with_columns
 

@@ -23,9 +23,9 @@ from orchestrator.diagnosis.rig.nuisance import Weighing, force_weights
 from orchestrator.diagnosis.rig.report_text import text
 from orchestrator.diagnosis.rig.residual_evidence import ResidualEvidence
 from orchestrator.diagnosis.rig.search import search
-from orchestrator.diagnosis.rig.simulated_cases import bare_study, simulated_study
 from orchestrator.diagnosis.rig.study import Role
 from orchestrator.diagnosis.rig.weigh import conclude
+from tests.benchmarks.rig_calibration.simulated_cases import bare_study, simulated_study
 
 HALF = len(ResidualEvidence._fields)
 

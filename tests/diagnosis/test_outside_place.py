@@ -9,7 +9,7 @@ from orchestrator.diagnosis.rig.challenge.draw import Plan
 from orchestrator.diagnosis.rig.hardware import weigh_rig
 from orchestrator.diagnosis.rig.outside_place import part_of_chain, wrong_times
 from orchestrator.diagnosis.rig.residual_evidence import ResidualEvidence
-from orchestrator.diagnosis.rig.simulated_cases import ODDITIES, simulated_study
+from tests.benchmarks.rig_calibration.simulated_cases import ODDITIES, simulated_study
 
 N = 3000
 T = 1e-3 * np.arange(N)

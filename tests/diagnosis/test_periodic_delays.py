@@ -10,7 +10,7 @@ from orchestrator.diagnosis.rig.challenge.hidden import HIDDEN
 from orchestrator.diagnosis.rig.challenge.outside import OUTSIDE
 from orchestrator.diagnosis.rig.hardware import weigh_rig
 from orchestrator.diagnosis.rig.periodic_delays import rhythm
-from orchestrator.diagnosis.rig.simulated_cases import simulated_study
+from tests.benchmarks.rig_calibration.simulated_cases import simulated_study
 
 TICKS = np.arange(3000)
 

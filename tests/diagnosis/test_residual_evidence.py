@@ -19,16 +19,16 @@ from orchestrator.diagnosis.rig.challenge.outside import OUTSIDE
 from orchestrator.diagnosis.rig.coloured_noise import WHITE, Colour
 from orchestrator.diagnosis.rig.fit import Fitter
 from orchestrator.diagnosis.rig.hardware import weigh_rig
-from orchestrator.diagnosis.rig.learning import WeighedCase, learn_sure
 from orchestrator.diagnosis.rig.local_structure import loudest, repeated
 from orchestrator.diagnosis.rig.marginal import Marginal
 from orchestrator.diagnosis.rig.misfit import in_contact, stretches, uneven, unexplained
 from orchestrator.diagnosis.rig.model import RigModel
 from orchestrator.diagnosis.rig.nuisance import Weighing, touching
 from orchestrator.diagnosis.rig.residual_evidence import excess_deviation
-from orchestrator.diagnosis.rig.simulated_cases import bare_study, simulated_study
 from orchestrator.diagnosis.rig.study import Role
 from orchestrator.diagnosis.rig.weigh import conclude
+from tests.benchmarks.rig_calibration.learning import WeighedCase, learn_sure
+from tests.benchmarks.rig_calibration.simulated_cases import bare_study, simulated_study
 from tests.diagnosis.rigs import study
 from tests.diagnosis.test_weigh import own_study
 

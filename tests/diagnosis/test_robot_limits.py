@@ -20,8 +20,8 @@ from orchestrator.diagnosis.rig.nuisance import Weighing
 from orchestrator.diagnosis.rig.random_arrivals import random_arrival
 from orchestrator.diagnosis.rig.residual_evidence import ResidualEvidence, own_error
 from orchestrator.diagnosis.rig.search import counted, search
-from orchestrator.diagnosis.rig.simulated_cases import simulated_case, simulated_study
 from orchestrator.diagnosis.rig.study import Role
+from tests.benchmarks.rig_calibration.simulated_cases import simulated_case, simulated_study
 from tests.diagnosis.rigs import study
 
 _RIVALS = ("robot.bandwidth", "robot.damping", "robot.delay", "link.clock-skew", "robot.friction")

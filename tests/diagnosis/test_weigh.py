@@ -17,13 +17,13 @@ from orchestrator.diagnosis.rig.challenge.draw import Plan
 from orchestrator.diagnosis.rig.challenge.hidden import HIDDEN
 from orchestrator.diagnosis.rig.coloured_noise import WHITE, coloured, small_colour, whitened
 from orchestrator.diagnosis.rig.hardware import weigh_rig
-from orchestrator.diagnosis.rig.learning import WeighedCase, learn, loss
 from orchestrator.diagnosis.rig.misfit import narrow_band_line, unexplained
 from orchestrator.diagnosis.rig.model import RigModel
-from orchestrator.diagnosis.rig.simulated_cases import simulated_study
 from orchestrator.diagnosis.rig.stochastic import sensor_noise
 from orchestrator.diagnosis.rig.study import Study, load_study
 from orchestrator.diagnosis.rig.weigh import conclude, weigh
+from tests.benchmarks.rig_calibration.learning import WeighedCase, learn, loss
+from tests.benchmarks.rig_calibration.simulated_cases import simulated_study
 from tests.diagnosis.rigs import study
 
 GAP = Path(__file__).parents[3] / "shared" / "gap"

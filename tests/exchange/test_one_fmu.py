@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from orchestrator.exchange.single_fmu import instance_name, times_of
 from orchestrator.fmi import bundled, load_fmu
 from orchestrator.results.recorders import read_results
 from orchestrator.simulation.run import run
+from orchestrator.system.external.playback import read_header
 
 
 @pytest.fixture
@@ -76,6 +78,12 @@ def test_units_and_names_of_columns(header, fmu, tmp_path):
     out = tmp_path / "out"
     assert main(["run", fmu, "--input", path, "--out", str(out), "--no-figures", "--quiet"]) == 0
     assert read_results(out)["Unruly.level"][-1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("header", ["gain [1]", "gain (1)", "gain [-]", "gain[1]", "gain"])
+def test_a_column_without_dimension_is_no_element(header, tmp_path):
+    (column,) = read_header(Path(signals(tmp_path / "s.csv", f"time,{header}\n0,1\n")))
+    assert column == (("gain[1]", "") if header == "gain[1]" else ("gain", header[6:-1]))
 
 
 def test_a_file_that_ends_early_holds_its_last_values_and_says_so(fmu, tmp_path, capsys):

@@ -20,18 +20,18 @@ _MARKS = {
 }
 
 
-def rows_text(rows: Sequence[Mapping[str, Any]], most: int = _MOST_ROWS) -> list[str]:
-    """A table, two spaces between columns; the count of rows beyond `most`."""
+def rows_text(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A table, two spaces between columns; the count of rows beyond `_MOST_ROWS`."""
     if not rows:
         return []
     names = list(rows[0])
-    cells = [names, *([_cell(row[name]) for name in names] for row in rows[:most])]
+    cells = [names, *([_cell(row[name]) for name in names] for row in rows[:_MOST_ROWS])]
     widths = [max(len(line[column]) for line in cells) for column in range(len(names))]
     lines = [
         "  " + "  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip()
         for line in cells
     ]
-    return lines + ([f"  and {len(rows) - most} more"] if len(rows) > most else [])
+    return lines + ([f"  and {len(rows) - _MOST_ROWS} more"] if len(rows) > _MOST_ROWS else [])
 
 
 def _cell(value: Any) -> str:

@@ -309,6 +309,6 @@ def own_gains(answers: Sequence[Weighable]) -> list[dict[str, float]]:
 
 @lru_cache(maxsize=1)
 def calibration() -> Calibration:
-    """The shipped calibration; `python -m orchestrator.diagnosis.rig.calibrate` learns it again."""
+    """The shipped calibration; `python -m tests.benchmarks.rig_calibration.calibrate` learns it again."""
     data = json.loads(FILE.read_text(encoding="utf-8"))
     return Calibration(**{name: data[name] for name in Calibration.__dataclass_fields__})

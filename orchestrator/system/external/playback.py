@@ -241,8 +241,9 @@ def _columns(header: Sequence[str]) -> list[Column]:
         match = _HEADER.match(text.strip())
         assert match is not None
         unit = next((one for one in match.groups()[1:] if one), "")
-        # An index of an array element, x[1], belongs to the name.
-        if unit.replace(",", "").replace(" ", "").isdigit():
+        # An index of an array element, x[1], belongs to the name; x [1] and x (1) have the unit 1.
+        alone = re.search(r"\s\[1\]$|\(1\)$", text.strip())
+        if unit.replace(",", "").replace(" ", "").isdigit() and not alone:
             found.append(Column(text.strip(), ""))
         else:
             found.append(Column(match.group(1).strip(), unit.strip() or ("" if n else "s")))

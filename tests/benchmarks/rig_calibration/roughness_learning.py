@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .catalogue import of_hardware
-from .fit import Fitter
-from .model import RigModel
-from .nuisance import Weighted, scatter, settled, waves
-from .search import directions
+from orchestrator.diagnosis.rig.catalogue import of_hardware
+from orchestrator.diagnosis.rig.fit import Fitter
+from orchestrator.diagnosis.rig.model import RigModel
+from orchestrator.diagnosis.rig.nuisance import Weighted, scatter, settled, waves
+from orchestrator.diagnosis.rig.search import directions
+from orchestrator.diagnosis.rig.study import Array, Role, Study
+
 from .simulated_cases import bare_study
-from .study import Array, Role, Study
 
 __all__ = ["RoughnessProblem", "learn_roughness", "roughness_problem"]
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from .answers import Answer
-from .calibration import LEAVES, SET, Calibration, Table, own_gains
-from .challenge.draw import SHARES
-from .challenge.hidden import HARDWARE, HIDDEN
-from .challenge.verdict import names
-from .study import Array
+from orchestrator.diagnosis.rig.answers import Answer
+from orchestrator.diagnosis.rig.calibration import LEAVES, SET, Calibration, Table, own_gains
+from orchestrator.diagnosis.rig.challenge.draw import SHARES
+from orchestrator.diagnosis.rig.challenge.hidden import HARDWARE, HIDDEN
+from orchestrator.diagnosis.rig.challenge.verdict import names
+from orchestrator.diagnosis.rig.study import Array
 
 __all__ = ["WeighedCase", "learn", "learn_leaves", "learn_sure", "learn_unseen", "loss"]
 

@@ -1,4 +1,4 @@
-"""Learn the map from evidence to probability: `python -m orchestrator.diagnosis.rig.calibrate`.
+"""Learn the map from evidence to probability: `python -m tests.benchmarks.rig_calibration.calibrate`.
 
 Cases are drawn by the challenge's rig, which is a program of its own; magnitudes go from strong to nearly
 none, some hide two effects or none, of some the logs are deformed in ways that no catalogue holds, and some
@@ -21,16 +21,17 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ...base.atomic_files import write_text
-from ...base.errors import OrchestratorError
-from ...base.provenance import origin
-from ...fmi.workers import Pool, Work, pool_of
-from .answers import Answer, complete
-from .calibration import FILE, Calibration
-from .challenge.draw import Plan
-from .challenge.hidden import HARDWARE, HIDDEN, SOFTWARE
-from .challenge.outside import OUTSIDE
-from .hardware import weigh_rig
+from orchestrator.base.atomic_files import write_text
+from orchestrator.base.errors import OrchestratorError
+from orchestrator.base.provenance import origin
+from orchestrator.diagnosis.rig.answers import Answer, complete
+from orchestrator.diagnosis.rig.calibration import FILE, Calibration
+from orchestrator.diagnosis.rig.challenge.draw import Plan
+from orchestrator.diagnosis.rig.challenge.hidden import HARDWARE, HIDDEN, SOFTWARE
+from orchestrator.diagnosis.rig.challenge.outside import OUTSIDE
+from orchestrator.diagnosis.rig.hardware import weigh_rig
+from orchestrator.fmi.workers import Pool, Work, pool_of
+
 from .learning import WeighedCase, learn, learn_leaves, loss
 from .roughness_learning import learn_roughness, roughness_problem_of_rig
 from .simulated_cases import simulated_study
@@ -232,6 +233,6 @@ def _read(data: list[Any]) -> WeighedCase:
 
 if __name__ == "__main__":
     # Workers find functions by the name of their module, which for this one is not __main__.
-    from orchestrator.diagnosis.rig import calibrate
+    from tests.benchmarks.rig_calibration import calibrate
 
     calibrate.main()

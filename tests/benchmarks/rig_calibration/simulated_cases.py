@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import lfilter
 
-from .challenge import draw, hidden
-from .challenge.hidden import between
-from .challenge.rig import COLUMNS, FORCE_RESOLUTION, POSITION_RESOLUTION, TICK
-from .misfit import stretches
-from .study import Array, Nominal, Role, Run, Study
+from orchestrator.diagnosis.rig.challenge import draw, hidden
+from orchestrator.diagnosis.rig.challenge.hidden import between
+from orchestrator.diagnosis.rig.challenge.rig import COLUMNS, FORCE_RESOLUTION, POSITION_RESOLUTION, TICK
+from orchestrator.diagnosis.rig.misfit import stretches
+from orchestrator.diagnosis.rig.study import Array, Nominal, Role, Run, Study
 
 __all__ = ["ODDITIES", "bare_study", "logged", "observed", "simulated_case", "simulated_study"]
 
