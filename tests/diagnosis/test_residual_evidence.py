@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from orchestrator.diagnosis.rig import learning
 from orchestrator.diagnosis.rig.answers import Answer, Group, complete
 from orchestrator.diagnosis.rig.any_law import any_law
 from orchestrator.diagnosis.rig.calibration import SET, Calibration, own_gains
@@ -27,6 +26,7 @@ from orchestrator.diagnosis.rig.nuisance import Weighing, touching
 from orchestrator.diagnosis.rig.residual_evidence import excess_deviation
 from orchestrator.diagnosis.rig.study import Role
 from orchestrator.diagnosis.rig.weigh import conclude
+from tests.benchmarks.rig_calibration import learning
 from tests.benchmarks.rig_calibration.learning import WeighedCase, learn_sure
 from tests.benchmarks.rig_calibration.simulated_cases import bare_study, simulated_study
 from tests.diagnosis.rigs import study
