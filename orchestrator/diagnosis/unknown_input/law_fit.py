@@ -163,6 +163,8 @@ def starts_of(one: Candidate, runs: Runs) -> list[list[float]]:
         "second range": runs.high[second] - runs.low[second],
     }  # fmt: skip
     begins = {"range": runs.low[first], "second range": runs.low[second]}
+    if sizes["range"] < one.law.covers:
+        return []
     return one.law.starts(sizes, begins)
 
 

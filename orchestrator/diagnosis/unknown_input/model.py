@@ -153,6 +153,21 @@ def _acting(act, x, u, y, t, w, signals, theta, hidden, extra, past, now, call):
 
 
 @njit()
+def _passes(acts, signals, nx, nu):
+    """How often components are evaluated: twice with laws whose inputs or outputs read other inputs.
+
+    The order of evaluation knows only what the components themselves pass on at once.
+    """
+    for a in range(len(acts)):
+        for k in range(acts[a, _SIGNAL], acts[a, _SIGNAL] + acts[a, _COUNT]):
+            own = acts[a, _KIND] == 1 and signals[k] == nx + acts[a, _INDEX]
+            if acts[a, _LAW] != 0 and acts[a, _KIND] != 2 and signals[k] >= nx and not own:
+                if signals[k] < nx + nu or acts[a, _KIND] == 1:
+                    return 2
+    return 1
+
+
+@njit()
 def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, rate, extra, past, now, call):
     """Derivatives and outputs at one point.
 
@@ -164,8 +179,8 @@ def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, 
         past, now, call: memory of laws; see `past_of`.
     """
     first, source, gain, constant, u_ext, y_ext, schedule = wiring
-    for turn in range(len(schedule)):
-        c = schedule[turn]
+    for turn in range(_passes(acts, signals, len(x), len(u)) * len(schedule)):
+        c = schedule[turn % len(schedule)]
         row = rows[c]
         for i in range(row[_U], row[_U] + row[_NU]):
             if u_ext[i] >= 0:

@@ -150,7 +150,8 @@ class Replays:
             own = self.runs.hidden(k, self.laws, begin[k], constants)
             z = np.concatenate([begin[k], own, constants])
             made = sensitive(self.model, ext, held, z, tiny, self.runs.sub_of(self.laws), self.laws)
-            made = (made / self.model.noise[:, None])[self.settled :][self.masks[k]]
+            with np.errstate(over="ignore"):
+                made = (made / self.model.noise[:, None])[self.settled :][self.masks[k]]
             part = np.zeros((len(made), nc + nx * len(begin)))
             part[:, :nc] = made[:, first : first + nc] * sizes[:nc]
             part[:, nc + k * nx : nc + (k + 1) * nx] = made[:, :nx] * self.scale

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.parallel import in_parallel
 from .law_fit import Candidate, readable, starts_of
 from .model import Inserted, Kinds, Place
 from .places import Runs
@@ -85,12 +87,15 @@ def scored(
     left = np.r_[weight * residual, away]
     left -= basis @ (basis.T @ left)
     whole = float(left @ left)
-    found: list[tuple[Candidate, Array]] = []
-    for place in places:
-        for one in readable(runs.model, place, late):
+
+    def changed(place: Place, readable: Sequence[Candidate]) -> list[tuple[Candidate, Array]]:
+        """Laws at a place that change the residual, and what they change."""
+        found = []
+        for one in readable:
             law = one.law
             with_law = Replays(runs, [*laws, one.inserted], SAMPLES, starts)
             best: tuple[Candidate, Array] | None = None
+            most_gained = -np.inf
             for start in starts_of(one, runs):
                 numbers = np.array(start)
                 if law.linear:
@@ -120,13 +125,20 @@ def scored(
                     share = float(change @ left) ** 2 / power / whole
                     if law.linear:
                         numbers[0] *= factor
-                    if best is None or share > best[0].share:
+                    # Where the first number is no factor, a fit begins where it is nearest, in small steps.
+                    gained = share if law.linear else -(2.0 * float(change @ left) + power) / whole
+                    if best is None or gained > most_gained:
                         candidate = replace(one, numbers=tuple(numbers.tolist()), share=share)
-                        best = candidate, -change / np.sqrt(power)
+                        best, most_gained = (candidate, -change / np.sqrt(power)), gained
                     if not law.linear or share < _FAINT:
                         break
             if best is not None:
                 found.append(best)
+        return found
+
+    # Laws are compiled here, so that no copy of the process has to.
+    tasks = [partial(changed, place, readable(runs.model, place, late)) for place in places]
+    found = [each for made in in_parallel(tasks) for each in made]
     found.sort(key=lambda each: each[0].share, reverse=True)
     groups: list[list[tuple[Candidate, Array]]] = []
     for each in found:
@@ -135,7 +147,8 @@ def scored(
             same.append(each)
         elif len(groups) < most:
             groups.append([each])
-    kept = [_likeliest(one) for one in groups]
+    logged = {str(port) for port in (*runs.model.fed, *runs.model.compared)}
+    kept = [_likeliest(one, logged) for one in groups]
     changes = np.array([one[1] for one in kept]).reshape(len(kept), len(left))
     twins = [
         [two for two, _ in group if two is not one] for (one, _), group in zip(kept, groups, strict=True)
@@ -143,16 +156,20 @@ def scored(
     return Scores([one for one, _ in kept], twins, changes, left)
 
 
-def _likeliest(group: Sequence[tuple[Candidate, Array]]) -> tuple[Candidate, Array]:
+def _likeliest(group: Sequence[tuple[Candidate, Array]], logged: set[str]) -> tuple[Candidate, Array]:
     """Of laws that act the same the one that does so at most components, where its place names it best.
 
-    An input comes before an output, both before a derivative.
+    Laws of actuators and sensors act on commands and measured signals, which are logged, rather than between
+    components. An input comes before an output, both before a derivative.
     """
     odds = odds_of([one for one, _ in group])
     name = max(odds, key=lambda one: odds[one])
     alike = [each for each in group if each[0].law.name == name]
+    first = alike[0][0]
+    if first.law.kinds and first.law.reads == "own":
+        first = next((one for one, _ in alike if one.place.name in logged), first)
     order = (Kinds.INPUT, Kinds.OUTPUT, Kinds.RATE)
-    near = [each for each in alike if each[0].place.component == alike[0][0].place.component]
+    near = [each for each in alike if each[0].place.component == first.place.component]
     return min(near, key=lambda each: order.index(each[0].place.kind))
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from ...base.errors import ConfigError
+from ...base.parallel import in_parallel
 from ..study.study import PortStudy, Role
 from .judge import closed, likely, replayed
 from .law_fit import Candidate, Fitted, fit, readable, screened, spread_out
@@ -37,9 +39,9 @@ _BEHIND = 1.6
 # The logs are explained where this much of the noise is left, and it forgets itself within so many samples,
 # or where this share of the gap is closed.
 _EXPLAINED, _WHITE, _MOST = 1.1, 2.0, 0.995
-# A second law must close this share of what the first leaves, which has to be so many times the noise,
-# and gain so many nats.
-_HALF, _SECOND, _LEAST = 0.5, 2.0, 10.0
+# Shares of what is left that a law must close, first or rare, or second. A second law must gain so many nats,
+# and the first leave so many times the noise.
+_THIRD, _HALF, _SECOND, _LEAST = 0.3, 0.5, 2.0, 10.0
 # Families that are extended by a second law, and laws tried beside each.
 _BEAM, _BESIDE = 3, 5
 # Share of the logs' spread below which a residual without a name counts as none.
@@ -165,8 +167,9 @@ class _Search:
         low, high, spread = self.runs.low, self.runs.high, self.runs.spread
 
         def sound(number: Number, value: float, signal: int) -> bool:
-            edge = _EDGE * (high[signal] - low[signal])
-            inside = low[signal] + edge < value < high[signal]
+            edge = 0.0 if number.positive else _EDGE * (high[signal] - low[signal])
+            ends = (value, -value) if number.positive else (value,)
+            inside = any(low[signal] + edge < one < high[signal] for one in ends)
             return abs(value) <= number.most * spread[signal] and (inside or not number.within)
 
         return all(
@@ -180,16 +183,27 @@ class _Search:
     ) -> list[tuple[Fitted, Polished]]:
         """Fit each set of laws beside those that are fitted, by a few steps; best first."""
         first, before = beside[0].laws, beside[1]
-        found = []
-        since = 0
-        for one in sets:
-            numbers = [value for law in one for value in law.numbers]
-            found.append(self.fitted((*first, *one), np.r_[before.constants, numbers], before.starts))
+        found: list[tuple[Fitted, Polished]] = []
+        for begin in range(0, len(sets), _RIVALS):
+            explained = self.explained(found)
+            found += self._fits(
+                (
+                    (*first, *one),
+                    np.r_[before.constants, [value for law in one for value in law.numbers]],
+                    before.starts,
+                )
+                for one in sets[begin : begin + _RIVALS]
+            )
             # The sets come in the order of their scores. Where one explains the logs, a few rivals suffice.
-            since += self.explained(found)
-            if since > _RIVALS:
+            if explained:
                 break
         return sorted(found, key=lambda each: each[1].remains)
+
+    def _fits(
+        self, begins: Iterable[tuple[Sequence[Candidate], Array, Sequence[Array]]], *options: Any, **more: Any
+    ) -> list[tuple[Fitted, Polished]]:
+        """Independent fits, each from laws, constants and start states; see `fitted`."""
+        return in_parallel([partial(self.fitted, *one, *options, **more) for one in begins])
 
     def finished(self, found: Sequence[tuple[Fitted, Polished]], kept: int) -> list[tuple[Fitted, Polished]]:
         """Fits by a few steps, and the best of them carried on to the end; the best of each set of laws."""
@@ -197,16 +211,19 @@ class _Search:
             return []
         ranked = _unlike(found)
         near = _BEHIND * ranked[0][1].remains
-        ended = [
-            self.to_the_end(one.laws, two.constants, two.starts)
+        ended = in_parallel([
+            partial(self.to_the_end, one.laws, two.constants, two.starts)
             for one, two in ranked[:kept] if two.remains < near
-        ]  # fmt: skip
+        ])  # fmt: skip
         # Exact derivatives see the corners of a law, but cost most.
         least = min((two.remains for _, two in ended), default=np.inf)
-        exact = [
-            self.fitted(one.laws, two.constants, two.starts, _EXACT, None, exact=True)
-            for one, two in ended if _EXPLAINED < two.remains < _CLOSE * least
-        ]  # fmt: skip
+        exact = self._fits(
+            (
+                (one.laws, two.constants, two.starts)
+                for one, two in ended if _EXPLAINED < two.remains < _CLOSE * least
+            ),
+            _EXACT, None, exact=True,
+        )  # fmt: skip
         return _unlike([*found, *ended, *exact])
 
     def alone(self, found: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished]]:
@@ -219,10 +236,9 @@ class _Search:
             return []
         best, pair = min(pairs, key=lambda each: each[1].remains)
         count = len(self.model.nominal)
-        return [
-            self.fitted((law,), np.r_[pair.constants[:count], values], pair.starts)
-            for law, values, _ in best.by_law()
-        ]
+        return self._fits(
+            ((law,), np.r_[pair.constants[:count], values], pair.starts) for law, values, _ in best.by_law()
+        )
 
     def within_tolerance(self, found: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished]]:
         """Other laws in place of the best single one, if that needs a parameter beyond its tolerance.
@@ -241,13 +257,16 @@ class _Search:
         begin[far] = self.model.nominal[far]
         other = begin.copy()
         other[len(self.model.nominal)] *= -1.0
-        return [
-            self.fitted((one,), constants, single.starts, _MANY, None)
-            for one in readable(self.model, law.place)
-            if one.law.linear and one.law is not law.law and one.signal == law.signal
-            and len(one.law.numbers) == len(best.numbers)
-            for constants in (begin, other)
-        ]  # fmt: skip
+        return self._fits(
+            (
+                ((one,), constants, single.starts)
+                for one in readable(self.model, law.place)
+                if one.law.linear and one.law is not law.law and one.signal == law.signal
+                and len(one.law.numbers) == len(best.numbers)
+                for constants in (begin, other)
+            ),
+            _MANY, None,
+        )  # fmt: skip
 
     def to_the_end(
         self, laws: Sequence[Candidate], constants: Array, starts: Sequence[Array]
@@ -279,19 +298,23 @@ class _Search:
                 break
             near = [one for one in places if one.gain > places[0].gain - _NEAR * values][:_PLACES]
             before = best.laws if best else ()
-            made = [
-                fit(self.runs, (*before, one), places[0], np.r_[best.numbers, one.numbers] if best else None)
+            start = None if best is None else best.numbers
+            made = in_parallel([
+                partial(
+                    fit, self.runs, (*before, one), places[0],
+                    None if start is None else np.r_[start, one.numbers],
+                )
                 for one in screened(self.runs, near, best)
-            ]
+            ])  # fmt: skip
             made = [one for one in made if np.isfinite(one.loglik)]
             made.sort(key=lambda one: (one.beside == 0.0, one.loglik), reverse=True)
-            for one in made[:3]:
-                found.append(self._simulated(one))
+            found += in_parallel([partial(self._simulated, one) for one in made[:3]])
             if not made:
                 break
             best = made[0]
         if best is not None:
-            found += [self._simulated(one) for one in self._relatives(best) if np.isfinite(one.loglik)]
+            relatives = [one for one in self._relatives(best) if np.isfinite(one.loglik)]
+            found += in_parallel([partial(self._simulated, one) for one in relatives])
         return sorted(found, key=lambda each: each[1].remains)
 
     def _simulated(self, one: Fitted) -> tuple[Fitted, Polished]:
@@ -371,14 +394,14 @@ class _Search:
 
     def _alike(self, best: Fitted, found: Polished) -> list[tuple[Fitted, Polished]]:
         """A pair with each law in turn replaced: by one that alone acts the same, or by one of its family."""
-        return [
-            self.fitted((*best.laws[:k], two, *best.laws[k + 1 :]), found.constants, found.starts)
+        return self._fits(
+            ((*best.laws[:k], two, *best.laws[k + 1 :]), found.constants, found.starts)
             for k, (one, values, _) in enumerate(best.by_law())
             for two in [
                 *[each for each in self.twins.get(one.name, ()) if each.law is one.law][:_BESIDE],
                 *_relatives(self.model, one, values),
             ]
-        ]
+        )
 
     def _pairs(
         self, scores: Sequence[Scores], singles: Sequence[tuple[Fitted, Polished]]
@@ -498,9 +521,9 @@ def _families(singles: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, 
 def _simplest(search: _Search, weighed: Sequence[tuple[Fitted, Polished, float]]) -> int:
     """Index of the answer.
 
-    A second law must halve what the best single one leaves, if that is twice the noise or more. So must a law
-    that is tried late, against the others, and an answer that moves a parameter beyond its tolerance, against
-    the best one that does not.
+    A second law must halve what the best single one leaves, if that is twice the noise or more. So must an
+    answer that moves a parameter beyond its tolerance, against the best one that does not. A law that is tried
+    late must close as much of what the others leave as any law at its place in the answer.
     """
     best: dict[int, int] = {}
     for count in {len(one.laws) for one, _, _ in weighed}:
@@ -511,7 +534,8 @@ def _simplest(search: _Search, weighed: Sequence[tuple[Fitted, Polished, float]]
         if not ranked:
             continue
         usual = [k for k in ranked if not any(law.law.late for law in weighed[k][0].laws)]
-        if usual and closed(weighed[usual[0]][1].remains, weighed[ranked[0]][1].remains, 0.0) <= _HALF:
+        share = _HALF if count == 2 else _THIRD
+        if usual and closed(weighed[usual[0]][1].remains, weighed[ranked[0]][1].remains, 0.0) <= share:
             ranked = usual
         near = [k for k in ranked if not search.far(weighed[k][1].constants)]
         best[count] = (near or ranked)[0]
@@ -522,7 +546,7 @@ def _simplest(search: _Search, weighed: Sequence[tuple[Fitted, Polished, float]]
         if count in best:
             before, after = weighed[chosen], weighed[best[count]]
             gain = after[2] - before[2]
-            share = _HALF if count == 2 else 0.3
+            share = _HALF if count == 2 else _THIRD
             if count == 2 and len(before[0].laws) == 1 and before[1].remains < _SECOND:
                 continue
             if gain > _LEAST and closed(before[1].remains, after[1].remains, 0.0) >= share:

@@ -82,7 +82,7 @@ LAWS = [
     Law(
         "dead zone",
         "dead zone",
-        (Number("half width", "u", (0.05, 0.2, 0.6), positive=True),),
+        (Number("half width", "u", (0.05, 0.2, 0.6), positive=True, within=True),),
         _dead_zone,
         _OWN,
         kinds=(1, 3),
@@ -104,7 +104,7 @@ LAWS = [
     Law(
         "lag",
         "lag",
-        (Number("time constant", "s", (0.5, 4.0, 16.0), "interval", positive=True),),
+        (Number("time constant", "s", (0.5, 2.0, 6.0, 16.0), "interval", positive=True),),
         _lag,
         _OWN,
         1,
@@ -117,7 +117,7 @@ LAWS = [
     Law(
         "delay",
         "lag",
-        (Number("time", "s", (0.5, 4.0, 16.0), "interval", positive=True),),
+        (Number("time", "s", (0.5, 2.0, 6.0, 16.0), "interval", positive=True),),
         _delay,
         _OWN,
         2,

@@ -43,7 +43,7 @@ LAWS = [
         "own",
         modelica="y = value_;",
         sentence="A zero that is off.",
-        odds=0.1,
+        odds=0.3,
     ),
     Law(
         "gain",

@@ -63,7 +63,8 @@ class Number:
             value; "second range" likewise.
         most: largest size, times the signal's spread; a fit beyond it is another law.
         positive: whether its sign means nothing.
-        within: whether it lies within the signal's range; a fit beyond it is another law.
+        within: whether it, or its negative if `positive`, lies within the signal's range; a fit beyond it is
+            another law.
     """
 
     name: str
@@ -104,6 +105,7 @@ class Law:
             listed in the study, so that a gain or an offset elsewhere is less likely.
         late: whether it is tried only where the other laws leave more than the noise. It then has to halve
             what they leave.
+        covers: range of the signal that shows the law: a ripple of which less is seen looks like others.
         delay: whether it delays the signal by its first number. Simulations look the signal up in the past;
             `code` is what a filter takes instead.
     """
@@ -123,7 +125,12 @@ class Law:
     second: str = ""
     settled: tuple[int, ...] = ()
     late: bool = False
+    covers: float = 0.0
     delay: bool = False
+
+    def __reduce__(self) -> tuple[Callable[[str], Law], tuple[str]]:
+        """Laws are copied to other processes by name, since machine code cannot be copied."""
+        return _of_library, (self.name,)
 
     @cached_property
     def compiled(self) -> Any:
@@ -190,3 +197,9 @@ class Law:
     def fits_second(self, unit: str) -> bool:
         """Whether its second signal has such a unit."""
         return self.second in _measured(unit)
+
+
+def _of_library(name: str) -> Law:
+    from . import library
+
+    return next(one for one in library() if one.name == name)

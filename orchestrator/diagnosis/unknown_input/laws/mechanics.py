@@ -32,8 +32,8 @@ def _other_sided(t, s, n, z, out):
 
 
 def _stribeck(t, s, n, z, out):
-    speed = abs(n[1]) + 1e-12
-    out[0] = n[0] * math.tanh(s[0] / (0.1 * speed)) * math.exp(-((s[0] / speed) ** 2))
+    more = n[1] * math.exp(-((s[0] / (abs(n[2]) + 1e-12)) ** 2))
+    out[0] = n[0] * (1.0 + more) * math.tanh(s[0] / (abs(n[3]) + 1e-12))
 
 
 def _cubic(t, s, n, z, out):
@@ -54,7 +54,7 @@ def _stop(t, s, n, z, out):
 
 
 def _ripple(t, s, n, z, out):
-    out[0] = n[0] * math.sin(s[0]) + n[1] * math.cos(s[0])
+    out[0] = n[0] * math.sin(s[0] + n[1])
 
 
 def _eddy(t, s, n, z, out):
@@ -66,7 +66,7 @@ def _asymmetric(t, s, n, z, out):
 
 
 def _imbalance(t, s, n, z, out):
-    out[0] = s[1] * s[1] * (n[0] * math.sin(s[0]) + n[1] * math.cos(s[0]))
+    out[0] = n[0] * s[1] * s[1] * math.sin(s[0] + n[1])
 
 
 def _with_position(t, s, n, z, out):
@@ -74,6 +74,7 @@ def _with_position(t, s, n, z, out):
 
 
 _LEVEL = Number("level", "w")
+_PHASE = Number("phase", "rad", (0.0, 1.5708), "one")
 _CORNER = Number("corner", "u", (0.02, 0.1), most=0.5, positive=True)
 
 LAWS = [
@@ -90,11 +91,16 @@ LAWS = [
     Law(
         "stribeck",
         "dry friction",
-        (_LEVEL, Number("speed", "u", (0.1, 0.4), positive=True)),
+        (
+            _LEVEL,
+            Number("excess", "1", (1.0,), "one"),
+            Number("speed", "u", (0.1, 0.4), positive=True),
+            _CORNER,
+        ),
         _stribeck,
         "rate",
         at="force",
-        modelica="y = level*tanh(10*u/speed)*exp(-(u/speed)^2);",
+        modelica="y = level*(1 + excess*exp(-(u/speed)^2))*tanh(u/corner);",
         sentence="More friction at low speed, as in lubricated bearings.",
     ),
     Law(
@@ -200,12 +206,13 @@ LAWS = [
     Law(
         "ripple",
         "ripple",
-        (Number("sine", "w"), Number("cosine", "w", (0.0,), "one")),
+        (_LEVEL, _PHASE),
         _ripple,
-        "travel",
+        "angle",
         at="force",
-        modelica="y = sine*sin(u) + cosine*cos(u);",
+        modelica="y = level*sin(u + phase);",
         sentence="Imbalance, or gravity on an axis that is not vertical.",
+        covers=2.0,
     ),
     Law(
         "preload",
@@ -232,13 +239,14 @@ LAWS = [
     Law(
         "imbalance",
         "ripple",
-        (Number("sine", "w/v2"), Number("cosine", "w/v2", (0.0,), "one")),
+        (Number("level", "w/v2"), _PHASE),
         _imbalance,
         "angle",
         at="force",
         second="rate",
-        modelica="y = v^2*(sine*sin(u) + cosine*cos(u));",
+        modelica="y = level*v^2*sin(u + phase);",
         sentence="A centrifugal force, which grows with the square of the speed.",
+        covers=2.0,
         late=True,
     ),
     Law(

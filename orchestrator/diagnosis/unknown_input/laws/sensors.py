@@ -19,7 +19,7 @@ def _curved(t, s, n, z, out):
 
 
 def _eccentric(t, s, n, z, out):
-    out[0] = n[0] * math.sin(s[0]) + n[1] * math.cos(s[0])
+    out[0] = n[0] * math.sin(s[0] + n[1])
 
 
 _SENSOR = (3,)
@@ -50,12 +50,13 @@ LAWS = [
     Law(
         "eccentric scale",
         "ripple",
-        (Number("sine", "w"), Number("cosine", "w", (0.0,), "one")),
+        (Number("level", "w"), Number("phase", "rad", (0.0, 1.5708), "one")),
         _eccentric,
         "angle",
         kinds=_SENSOR,
-        modelica="y = sine*sin(u) + cosine*cos(u);",
+        modelica="y = level*sin(u + phase);",
         sentence="An encoder whose disc is not centred.",
+        covers=2.0,
         late=True,
     ),
 ]
