@@ -522,8 +522,8 @@ def _simplest(search: _Search, weighed: Sequence[tuple[Fitted, Polished, float]]
     """Index of the answer.
 
     A second law must halve what the best single one leaves, if that is twice the noise or more. So must an
-    answer that moves a parameter beyond its tolerance, against the best one that does not. A law that is tried
-    late must close as much of what the others leave as any law at its place in the answer.
+    answer that moves a parameter beyond its tolerance, against the best one that does not. A law that is
+    tried late must close as much of what the others leave as any law in its place.
     """
     best: dict[int, int] = {}
     for count in {len(one.laws) for one, _, _ in weighed}:
