@@ -16,7 +16,7 @@ from pathlib import Path
 from orchestrator.base.errors import OrchestratorError
 from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.study.study import is_port_study
-from orchestrator.diagnosis.unknown_input.search import Answer, answer
+from orchestrator.diagnosis.unknown_input.answer import Answer, answer
 
 
 def built(folder: Path, into: Path) -> Path:

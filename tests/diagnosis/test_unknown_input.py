@@ -18,6 +18,7 @@ from scipy.integrate import solve_ivp
 import orchestrator as orc
 from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.study.study import Role
+from orchestrator.diagnosis.unknown_input.answer import answer
 from orchestrator.diagnosis.unknown_input.corrected import write_corrected
 from orchestrator.diagnosis.unknown_input.diagnose import DiagnosedSystem
 from orchestrator.diagnosis.unknown_input.law_fit import Candidate
@@ -25,7 +26,6 @@ from orchestrator.diagnosis.unknown_input.laws import library
 from orchestrator.diagnosis.unknown_input.model import Inserted, StateModel
 from orchestrator.diagnosis.unknown_input.places import Runs, rank
 from orchestrator.diagnosis.unknown_input.played import LawEffect
-from orchestrator.diagnosis.unknown_input.search import answer
 from orchestrator.diagnosis.unknown_input.separate import Simulable, separating
 from orchestrator.system.connection import Port
 

@@ -128,8 +128,8 @@ def _build(plant: Drawn, folder: Path) -> None:
 def _searched(folder: Path) -> dict[str, Any]:
     """What the search says of a case."""
     from ..study.reader import load_port_study
+    from ..unknown_input.answer import answer
     from ..unknown_input.report import data_of
-    from ..unknown_input.search import answer
 
     begin = _processor_seconds()
     try:

@@ -14,9 +14,9 @@ from ...translate.build import build
 from ...translate.package import this_platform
 from ..study.config_data import config_data, long_form, short_form, with_unit
 from ..study.study import PortStudy
+from .answer import Answer
 from .law_fit import Candidate
 from .model import Kinds
-from .search import Answer
 
 __all__ = ["write_corrected"]
 

@@ -15,9 +15,9 @@ from ..study.checks import check_logs
 from ..study.native import in_native_form
 from ..study.reader import load_port_study
 from ..study.study import PortStudy
+from .answer import Answer, answer
 from .corrected import write_corrected
 from .report import data_of, text_of
-from .search import Answer, answer
 
 __all__ = ["DiagnosedSystem", "diagnose_system"]
 

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from ...base.provenance import origin
 from ...plotting.figures import COLORS, svg
 from ...plotting.page import html
+from .answer import Answer
 from .report import data_of, headline
-from .search import Answer
 
 __all__ = ["page"]
 

@@ -178,6 +178,11 @@ class Runs:
             mean, cov = one.z[at], one.covariance[at, at]
         return found
 
+    def logged_spread(self) -> float:
+        """Spread of what is logged, over the noise."""
+        parts = [np.nanstd(logged, axis=0) / self.model.noise for _, _, logged, _ in self.data]
+        return float(np.sqrt(np.mean(np.square(parts))))
+
     def spread_at(self, place: Place) -> float:
         """Spread of the signal at a place; of a derivative, that of its state over a twentieth of a run."""
         nx, nu = len(self.model.states), len(self.model.inputs)

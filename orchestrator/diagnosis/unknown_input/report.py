@@ -6,8 +6,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from .answer import Answer
 from .law_fit import Fitted
-from .search import Answer
 
 __all__ = ["data_of", "headline", "text_of"]
 

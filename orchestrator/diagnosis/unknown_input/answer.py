@@ -1,0 +1,233 @@
+"""The diagnosis by unknown inputs: search the laws, choose, judge on held-out runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ...base.errors import ConfigError
+from ..study.study import PortStudy, Role
+from .choice import rivals_of, share_among, significant, simplest
+from .judge import closed, replayed
+from .law_fit import Candidate, Fitted
+from .model import StateModel
+from .places import Ranked, Runs, rank, smoothed_at
+from .played import PlayedModel
+from .polish import Polished
+from .search import Search
+from .separate import Experiment, Simulable, separating
+from .thinning import thinned
+
+__all__ = ["Answer", "answer"]
+
+# Share of the logs' spread below which a residual without a name counts as none.
+_SMALL = 0.05
+# Learned on random systems (`orchestrator challenge --random 6000 --count 60`): how often answers were wrong
+# that leave at most so many times the noise on held-out runs; or more than that.
+_NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR = 1.5, 0.041, 0.53
+# Largest probability of an answer that held-out runs contradict.
+_OUTSIDE = 0.6
+# Least share of the gap that the nearest laws close on held-out runs to be stated.
+_HINT = 0.1
+# Probability from which on a rival is worth an experiment, and rivals that experiments separate.
+_LIKELY, _RIVALS = 0.02, 4
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What is missing.
+
+    Attributes:
+        verdict: "none", "law", or "outside": something that no law of the library explains.
+        fitted: the laws of the answer, or the nearest ones. probability: of them.
+        rivals: others with their probabilities, best first. twins: laws that act the same on these logs.
+        experiments: that separate the answer from these.
+        parameters: calibrated, by name: value and standard deviation; those of the model alone, if no law.
+        places: where an unknown input explains the logs, best first. estimate: w there and the signals.
+        gap: root mean square of the held-out residual over the noise, as configured.
+        calibrated, remains: the same with calibrated parameters alone, and with the answer.
+        closed: share of the gap closed on held-out runs. share: residual over the spread of the logs.
+        units: of ports, by name. remarks: what the reader should know. seconds: taken.
+    """
+
+    verdict: str
+    fitted: Fitted | None
+    probability: float
+    rivals: list[tuple[Fitted, float]]
+    twins: list[Candidate]
+    parameters: dict[str, tuple[float, float]]
+    places: list[Ranked]
+    estimate: dict[str, Any] | None
+    gap: float
+    calibrated: float
+    remains: float
+    closed: float
+    share: float
+    traces: dict[str, Any] = field(default_factory=dict)
+    experiments: list[Experiment] = field(default_factory=list)
+    units: dict[str, str] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+
+def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -> Answer:
+    """Find what is missing.
+
+    Args:
+        progress: takes the name of each stage.
+    """
+    begin = perf_counter()
+    # With many small matrices, threads of BLAS wait for one another.
+    with threadpool_limits(1), _model(study) as model:
+        progress("calibration")
+        model.study = thinned(model)
+        search = Search(Runs(model, model.study.of(Role.TRAIN, Role.VALIDATION)), progress)
+        weighed = search.weighed(search.searched())
+        chosen = simplest(search, weighed)
+        progress("judgement")
+        return replace(_judged(study, model, search, weighed, chosen), seconds=perf_counter() - begin)
+
+
+def _model(study: PortStudy) -> StateModel:
+    """The system in state form, or as its master simulates it, where components give no access to states."""
+    try:
+        return StateModel(study)
+    except ConfigError:
+        return PlayedModel(study)
+
+
+def _judged(
+    study: PortStudy, model: StateModel, search: Search, weighed: Sequence[tuple[Fitted, Polished, float]],
+    chosen: int,
+) -> Answer:  # fmt: skip
+    """The answer, judged on held-out runs with all their samples."""
+    best, found, _ = weighed[chosen]
+    model.study = study
+    held = Runs(model, study.of(Role.HELDOUT) or study.of(Role.VALIDATION, Role.TRAIN))
+    gap = replayed(held, (), model.nominal, as_configured=True)
+    calibrated = replayed(held, (), search.base.constants)
+    judged = (
+        replayed(held, [one.inserted for one in best.laws], best.constants[0]) if best.laws else calibrated
+    )
+    traces = _traces(model, held, gap, calibrated, judged)
+    share = found.remains / search.runs.logged_spread()
+    before = calibrated.remains
+    if best.laws and search.far(search.base.constants):
+        before = replayed(held, (), search.limited(search.base.constants)).remains
+    verdict, remarks = _verdict(search, best, closed(before, judged.remains), share)
+    wrong = _WRONG_FAR if best.laws and judged.remains > _NEAR_NOISE else _WRONG_NEAR
+    probability, rivals = rivals_of(search, weighed, chosen, 1.0 - wrong)
+    if verdict == "outside":
+        probability = min(probability, _OUTSIDE)
+    constants = best.constants if verdict == "law" else (search.base.constants, search.base.covariance)
+    values, variances = constants[0], np.abs(np.diag(constants[1]))
+    parameters = {
+        str(port): (float(values[k]), float(np.sqrt(variances[k]))) for k, port in enumerate(model.parameters)
+    }
+    remarks += [
+        f"{model.parameters[k]} leaves its tolerance: {values[k]:.4g} instead of {model.nominal[k]:.4g}."
+        for k in search.far(values)
+    ]
+    named = best if best.laws else None
+    if verdict == "outside" and named is None:
+        named, hint = _nearest(held, weighed, calibrated.remains)
+        remarks += hint
+    twins = [two for one in best.laws for two in search.twins.get(one.name, [])]
+    probability *= share_among(best, search.twins)
+    places, estimate = _estimate(search) if verdict == "outside" and model.filters else ([], None)
+    remains = judged.remains if verdict == "law" else calibrated.remains
+    units = {str(port): study.unit(port) for port in (*model.states, *model.inputs, *model.outputs)}
+    return Answer(
+        verdict, named, probability, rivals, twins, parameters, places, estimate,
+        gap.remains, calibrated.remains, remains, closed(gap.remains, remains), share, traces,
+        _experiments(search, weighed, chosen, rivals) if verdict == "law" else [], units, remarks,
+    )  # fmt: skip
+
+
+def _verdict(search: Search, best: Fitted, shrunk: float, share: float) -> tuple[str, list[str]]:
+    """Verdict and remarks.
+
+    Args:
+        shrunk: share of the gap, calibrated within the tolerances, that the answer closes on held-out runs.
+        share: residual of the answer over the spread of the logs.
+    """
+    remains = search.base.remains
+    if best.laws and shrunk < 0.5:
+        return "outside", [
+            "The held-out runs contradict the nearest law: it closes less than half of the gap there."
+        ]
+    if best.laws:
+        return "law", []
+    if remains > 2.0 and share > _SMALL:
+        return "outside", []
+    if remains > 2.0:
+        return "none", [
+            f"The calibrated model leaves {remains:.3g} times the noise, {100 * share:.2g} % of the signals' "
+            "spread. No law of the library explains it."
+        ]
+    return "none", []
+
+
+def _nearest(
+    held: Runs, weighed: Sequence[tuple[Fitted, Polished, float]], calibrated: float
+) -> tuple[Fitted | None, list[str]]:
+    """The likeliest laws, although they explain too little, and a remark; none that held-out runs refuse."""
+    found = next(((one, two) for one, two, _ in weighed if one.laws and significant(one)), None)
+    if found is None:
+        return None, []
+    one, fit = found
+    share = closed(calibrated, replayed(held, [law.inserted for law in one.laws], fit.constants).remains)
+    if share < _HINT:
+        return None, []
+    names = " + ".join(law.name for law in one.laws)
+    return one, [f"The nearest laws close {100 * share:.0f} % of the calibrated gap there: {names}."]
+
+
+def _experiments(
+    search: Search, weighed: Sequence[tuple[Fitted, Polished, float]], chosen: int,
+    rivals: Sequence[tuple[Fitted, float]],
+) -> list[Experiment]:  # fmt: skip
+    """What separates the answer from likely rivals, and from laws that act the same on these logs."""
+    search.model.study = search.study
+    best, found, _ = weighed[chosen]
+    likely = {id(one) for one, chance in rivals[:_RIVALS] if chance > _LIKELY}
+    others = [Simulable(one.laws, two.constants, two.starts) for one, two, _ in weighed if id(one) in likely]
+    for k, law in enumerate(best.laws):
+        for twin in search.twins.get(law.name, [])[:_RIVALS]:
+            constants = found.constants
+            if twin.law is not law.law:
+                at = len(search.model.nominal) + sum(len(one.law.numbers) for one in best.laws[:k])
+                constants = np.r_[constants[:at], twin.numbers, constants[at + len(law.law.numbers) :]]
+            laws = (*best.laws[:k], twin, *best.laws[k + 1 :])
+            others.append(Simulable(laws, constants, found.starts))
+    return separating(search.runs, Simulable(best.laws, found.constants, found.starts), others)
+
+
+def _estimate(search: Search) -> tuple[list[Ranked], dict[str, Any] | None]:
+    """Where an unknown input explains the logs, and w at the first of these places."""
+    search.model.study = search.study
+    _, places = rank(search.runs)
+    made = smoothed_at(search.runs, places[0]) if places else []
+    return places, {**made[0], "names": search.model.signals_of(places[0].place)} if made else None
+
+
+def _traces(model: StateModel, held: Runs, *judged: Any) -> dict[str, Any]:
+    """The worst held-out run and signal: time, measured, as configured, calibrated, with the answer."""
+    errors = [
+        np.nanmean(np.nan_to_num(np.square((found - logged) / model.noise), nan=-1.0, posinf=1e300), axis=0)
+        for found, (_, _, logged, _) in zip(judged[1].found, held.data, strict=True)
+    ]  # fmt: skip
+    run, signal = np.unravel_index(int(np.nanargmax(errors)), (len(held.data), len(model.compared)))
+    time = np.arange(len(held.data[run][2])) * model.study.interval
+    port = model.compared[signal]
+    kinds = ("configured", "calibrated", "corrected")
+    return {
+        "run": held.runs[run].name, "signal": str(port), "unit": model.study.unit(port), "time": time,
+        "measured": held.data[run][2][:, signal],
+        **{name: one.found[run][:, signal] for name, one in zip(kinds, judged, strict=True)},
+    }  # fmt: skip

@@ -1,0 +1,99 @@
+"""Choose the answer among fitted laws, and weigh it against its rivals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from .judge import closed
+from .law_fit import Candidate, Fitted
+from .polish import Polished
+from .score import odds_of
+from .search import LEAST, SECOND, Search
+
+__all__ = ["rivals_of", "share_among", "significant", "simplest"]
+
+# Shares of what is left that a law must close: the first or a rare one, or a second one.
+_THIRD, _HALF = 0.3, 0.5
+# Learned on random systems (`orchestrator challenge --random 6000 --count 60`): nats that count as one.
+_TEMPERATURE = 1.14
+
+
+def simplest(search: Search, weighed: Sequence[tuple[Fitted, Polished, float]]) -> int:
+    """Index of the answer.
+
+    A second law must halve what the best single one leaves, if that is twice the noise or more. So must an
+    answer that moves a parameter beyond its tolerance, against the best one that does not. A law that is
+    tried late must close as much of what the others leave as any law in its place.
+    """
+    best: dict[int, int] = {}
+    for count in {len(one.laws) for one, _, _ in weighed}:
+        ranked = [
+            k for k, (one, _, _) in enumerate(weighed)
+            if len(one.laws) == count and significant(one)
+        ]  # fmt: skip
+        if not ranked:
+            continue
+        usual = [k for k in ranked if not any(law.law.late for law in weighed[k][0].laws)]
+        share = _HALF if count == 2 else _THIRD
+        if usual and closed(weighed[usual[0]][1].remains, weighed[ranked[0]][1].remains, 0.0) <= share:
+            ranked = usual
+        near = [k for k in ranked if not search.far(weighed[k][1].constants)]
+        best[count] = (near or ranked)[0]
+        if near and closed(weighed[near[0]][1].remains, weighed[ranked[0]][1].remains, 0.0) > _HALF:
+            best[count] = ranked[0]
+    chosen = best[0]
+    for count in (1, 2):
+        if count in best:
+            before, after = weighed[chosen], weighed[best[count]]
+            gain = after[2] - before[2]
+            share = _HALF if count == 2 else _THIRD
+            if count == 2 and len(before[0].laws) == 1 and before[1].remains < SECOND:
+                continue
+            if gain > LEAST and closed(before[1].remains, after[1].remains, 0.0) >= share:
+                chosen = best[count]
+    return chosen
+
+
+def significant(one: Fitted) -> bool:
+    """Whether the first number of each of two laws differs from 0 by more than three standard deviations."""
+    return len(one.laws) < 2 or all(abs(values[0]) > 3.0 * sigmas[0] for _, values, sigmas in one.by_law())
+
+
+def share_among(best: Fitted, twins: Mapping[str, Sequence[Candidate]]) -> float:
+    """Share of the answer among laws that act the same on these logs, each once at a component."""
+    share = 1.0
+    for one in best.laws:
+        odds = odds_of([one, *twins.get(one.name, ())])
+        share *= odds[one.law.name] / sum(odds.values())
+    return share
+
+
+def rivals_of(
+    search: Search, weighed: Sequence[tuple[Fitted, Polished, float]], chosen: int, trust: float
+) -> tuple[float, list[tuple[Fitted, float]]]:
+    """Probability of the answer among those with as many laws, and the others with theirs.
+
+    Args:
+        trust: probability that one of them is right.
+    """
+    best, _, evidence = weighed[chosen]
+    same = [one for one in weighed if len(one[0].laws) == len(best.laws)]
+    # Rivals that need a parameter beyond its tolerance, where the answer does not, are no rivals.
+    same = [one for one in same if one[2] <= evidence or not search.far(one[1].constants)]
+    weights = np.exp(np.clip([(nats - evidence) / _TEMPERATURE for *_, nats in same], -700.0, 0.0))
+    weights = (trust * weights / weights.sum()).tolist()
+    # The same laws at other places of the same components are the same answer.
+    merged: dict[tuple[tuple[str, int], ...], list[Any]] = {}
+    for (one, *_), weight in sorted(zip(same, weights, strict=True), key=lambda each: each[0][0] is not best):
+        merged.setdefault(_alias(one), [one, 0.0])[1] += weight
+    probability = merged.pop(_alias(best))[1]
+    others = [(one, weight) for one, weight in merged.values() if one.laws]
+    return probability, sorted(others, key=lambda each: -each[1])
+
+
+def _alias(one: Fitted) -> tuple[tuple[str, int], ...]:
+    """Laws and the components where they act."""
+    return tuple(sorted((law.law.name, law.place.component) for law in one.laws))
