@@ -156,6 +156,7 @@ def starts_of(one: Candidate, runs: Runs) -> list[list[float]]:
     sizes = {
         "spread": spread, "interval": interval, "rate": 1.0 / interval, "one": 1.0,
         "run": runs.length, "slope": runs.slope[first], "step": spread * interval,
+        "second step": runs.spread[second] * interval,
         "most": max(abs(runs.low[first]), abs(runs.high[first])),
         "second": max(abs(runs.low[second]), abs(runs.high[second])),
         "product": spread * runs.spread[second],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copyreg
+from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
@@ -22,3 +24,15 @@ def domains() -> dict[str, list[Law]]:
 def library() -> list[Law]:
     """All laws of the files in this package."""
     return [law for laws in domains().values() for law in laws]
+
+
+def _named(name: str) -> Law:
+    return next(law for law in library() if law.name == name)
+
+
+def _by_name(law: Law) -> tuple[Callable[[str], Law], tuple[str]]:
+    return _named, (law.name,)
+
+
+# Other processes get laws by name, since their machine code cannot be copied.
+copyreg.pickle(Law, _by_name)

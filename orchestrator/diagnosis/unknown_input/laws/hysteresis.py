@@ -24,6 +24,11 @@ def _lugre(t, s, n, z, out):
     out[1] = rate * (math.copysign(1.0, s[0]) - z[0] / level)
 
 
+def _presliding(t, s, n, z, out):
+    out[0] = z[0] - s[0]
+    out[1] = min(abs(s[1]) / (abs(n[0]) + 1e-300), 2.0 / s[2]) * (s[0] - z[0])
+
+
 def _bouc_wen(t, s, n, z, out):
     rate = min(abs(s[0]) / (abs(n[1]) + 1e-300), 2.0 / s[2])
     sign = math.copysign(1.0, s[0])
@@ -93,6 +98,22 @@ LAWS = [
         at="force",
         modelica=f"y = level*z1; {_RATE}(sign(u) - z1/(1 + 0.5*exp(-(u/speed)^2)));",
         sentence="Friction that builds up over a short travel and is half as large again at rest.",
+        late=True,
+    ),
+    Law(
+        "presliding",
+        "dry friction",
+        (Number("travel", "v.s", (10.0, 100.0), "second step", positive=True),),
+        _presliding,
+        "own",
+        1,
+        kinds=(1, 3),
+        at="force",
+        second="rate",
+        linear=False,
+        settled=(0,),
+        modelica="y = z1 - u; der(z1) = min(abs(v)/travel, 2/interval)*(u - z1);",
+        sentence="The model's friction, built up over a travel after each reversal by elastic parts.",
         late=True,
     ),
     Law(

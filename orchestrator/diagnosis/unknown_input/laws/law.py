@@ -58,9 +58,9 @@ class Number:
         unit: with `w` for the unit at the place, `u` for that of the signal, `v` for that of the second one.
         starts: where fits begin, in multiples of `by`: the signal's "spread", the "interval" of the logs, one
             over it ("rate"), "one", the signal's largest size ("most"), the length of a "run", the spread of
-            the signal's "slope", the spread times the interval ("step"), the "second" signal's largest size,
-            the "product" of both spreads. "range": parts of the way from the signal's lowest to its highest
-            value; "second range" likewise.
+            the signal's "slope", the spread times the interval ("step", "second step"), the "second" signal's
+            largest size, the "product" of both spreads. "range": parts of the way from the signal's lowest
+            to its highest value; "second range" likewise.
         most: largest size, times the signal's spread; a fit beyond it is another law.
         positive: whether its sign means nothing.
         within: whether it, or its negative if `positive`, lies within the signal's range; a fit beyond it is
@@ -128,10 +128,6 @@ class Law:
     covers: float = 0.0
     delay: bool = False
 
-    def __reduce__(self) -> tuple[Callable[[str], Law], tuple[str]]:
-        """Laws are copied to other processes by name, since machine code cannot be copied."""
-        return _of_library, (self.name,)
-
     @cached_property
     def compiled(self) -> Any:
         """The machine code."""
@@ -197,9 +193,3 @@ class Law:
     def fits_second(self, unit: str) -> bool:
         """Whether its second signal has such a unit."""
         return self.second in _measured(unit)
-
-
-def _of_library(name: str) -> Law:
-    from . import library
-
-    return next(one for one in library() if one.name == name)
