@@ -102,6 +102,7 @@ def adapted(
     models: frozenset[str] = frozenset(),
     functions: bool = True,
     sections: Sections | None = None,
+    whens: bool = False,
 ) -> str:
     """A file as the compiler takes it.
 
@@ -112,10 +113,12 @@ def adapted(
         models: qualified names of models, which imports must not go through.
         functions: whether those with while, break or return become external: the compiler evaluates none.
         sections: where algorithm sections are put which the compiler is not to see; None: it sees them.
+        whens: whether when-equations count as such, each as a section of its own.
     """
     rewrites: list[tuple[bool, Callable[[str, Sequence[Token], list[_Class]], Iterator[_Edit]]]] = [
+        (whens and bool(re.search(r"\bwhen\b", text)), _when_sections),
         (
-            sections is not None and bool(re.search(r"\balgorithm\b", text)),
+            sections is not None and bool(re.search(r"\b(algorithm|when)\b", text)),
             lambda *all_of: _hidden(*all_of, {} if sections is None else sections, file),
         ),
         (bool(re.search(r"\bder\s*\(\s*(?![\w.\[\]]*\s*\))", text)), _derivatives),
@@ -436,6 +439,101 @@ def _hidden(
                 _end_of(tokens[own[last - 1]]),
                 _lines_kept(old, f"protected final parameter Real {name} = 0; equation"),
             )
+
+
+def _when_sections(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Iterator[_Edit]:
+    """When-equations, alone or within one for-equation, become algorithm sections behind the equations."""
+    for one in _all(classes):
+        own = list(_own(one)) if one.kind in ("model", "block", "class") else []
+        section, loops, place = "", [], 0
+        while place < len(own):
+            at = own[place]
+            word = tokens[at].text
+            if _begins_section(tokens, at) and word != "initial":
+                section = word if tokens[at - 1].text != "initial" else ""
+            elif section == "equation" and word == "for" and tokens[at - 1].text != "end":
+                if tokens[at - 1].text in (";", "loop", "equation", "then", "else"):  # else of an array
+                    loops.append(at)
+            elif section == "equation" and word == "for" and loops:
+                loops.pop()
+            elif section == "equation" and word == "when" and tokens[at - 1].text != "end" and len(loops) < 2:
+                last = place
+                while [tokens[n].text for n in own[last : last + 2]] != ["end", "when"]:
+                    last += 1
+                yield from _as_section(text, tokens, at, own[last + 2], loops)
+                place = last + 2
+            place += 1
+
+
+def _as_section(
+    text: str, tokens: Sequence[Token], first: int, last: int, loops: Sequence[int]
+) -> Iterator[_Edit]:
+    """One when-equation; `first` and `last` token of it, the `for` around it."""
+    parts: list[str] = []
+    at = first
+    while at < last - 2:
+        then = next(n for n in range(at, last) if tokens[n].text == "then")
+        end = next(n for n in range(then, last) if tokens[n].text in ("elsewhen", "end"))
+        statements = _in_order(tokens, then + 1, end)
+        if statements is None:
+            return
+        parts += [_words(tokens, at, then), *statements]
+        at = end
+    made, close = " ".join([*parts, "end when;"]), ""
+    for at in loops:
+        body = next(n for n in range(at, first) if tokens[n].text == "loop")
+        made, close = f"{_words(tokens, at, body)} {made}", " end for;"
+    after = last + 1
+    if loops:  # behind the loop
+        while [tokens[n].text for n in (after, after + 1)] != ["end", "for"]:
+            after += 1
+        after += 3
+    yield _Edit(
+        tokens[first].start, _end_of(tokens[last]), _lines_kept(_slice(text, tokens, first, last), "")
+    )
+    where = _end_of(tokens[after - 1])
+    yield _Edit(where, where, f" algorithm {made}{close} equation ")
+
+
+def _in_order(tokens: Sequence[Token], first: int, end: int) -> list[str] | None:
+    """The equations of a when-equation as statements, each behind those that set what it reads.
+
+    None where that is not known: of if- and for-equations, and of equations that need each other.
+    """
+    waiting: list[tuple[str, set[str], str]] = []  # what it sets, what it reads, the statement
+    begin, depth, sign, before = first, 0, 0, 0
+    reads: set[str] = set()
+    for at in range(first, end):
+        word = tokens[at].text
+        depth += (word in "([{") - (word in ")]}")
+        if word == "pre" and tokens[at + 1].text == "(":
+            before = closing(tokens, at + 1)
+        elif word == "=" and depth == 0:
+            sign = at
+        elif word == ";" and depth == 0:
+            whole = _words(tokens, begin, at)
+            if sign:
+                whole = f"{_words(tokens, begin, sign - 1)} := {_words(tokens, sign + 1, at)}"
+            waiting.append((tokens[begin].text if sign else "", reads, whole))
+            begin, sign, reads = at + 1, 0, set()
+        elif at == begin and (tokens[at].kind == "keyword" or word == "("):
+            return None
+        elif tokens[at].kind == "name" and at > before and (sign or at > begin):
+            reads.add(word)
+    found: list[str] = []
+    while waiting:
+        sets = {name for name, _, _ in waiting if name}
+        ready = next((one for one in waiting if not one[1] & sets), None)
+        if ready is None:
+            return None
+        waiting.remove(ready)
+        found.append(ready[2])
+    return found
+
+
+def _words(tokens: Sequence[Token], first: int, last: int) -> str:
+    """Tokens without the comments between them."""
+    return " ".join(one.text for one in tokens[first : last + 1])
 
 
 def _named(classes: Iterable[_Class], prefix: str) -> Iterator[tuple[str, _Class]]:

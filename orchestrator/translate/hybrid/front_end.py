@@ -168,6 +168,10 @@ def needed_rewrites(refusal: str) -> frozenset[str]:
         needed.add("functions")
     if re.search(r"unsupported (model|initial) algorithm|(for|while|if|when)-statement", refusal):
         needed.add("sections")
+    if re.search(
+        r"is not a discrete coordinate|reinit\(\) can only be applied to state variables: \S*\[", refusal
+    ):
+        needed |= {"sections", "whens"}  # a when-equation that sets elements of an array
     return frozenset(needed)
 
 
@@ -182,7 +186,7 @@ def prepared(
 
     Args:
         rewritten: "functions" where those with while, break or return become external, "sections" where
-            the compiler is to see no algorithm section.
+            the compiler is to see no algorithm section, "whens" where when-equations count as such.
         sections: gets those that it does not see.
     Returns: the folders of libraries as it takes them; files of the model that differ from before.
     """
@@ -201,7 +205,8 @@ def prepared(
     objects |= external_objects(texts.values())
     common, models = _of_all(tree)
     for path, text in texts.items():
-        if (new := adapted(text, path.name, objects, common, models, functions, sections)) != text:
+        whens = "whens" in rewritten
+        if (new := adapted(text, path.name, objects, common, models, functions, sections, whens)) != text:
             path.write_bytes(new.encode())
     if common:
         (folder / f"{ANY}.mo").write_text(ANY_MODEL)

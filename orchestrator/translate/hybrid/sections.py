@@ -337,14 +337,22 @@ class Run:
                     raise self._refusal("terminate() outside a when-statement, or under a condition,")
                 self._model.add_action("terminate", self._trigger, message=_text(node))
             case "reinit":
-                number, _ = self._variable(node[2][0], env)
+                number, subscripts = self._variable(node[2][0], env)
                 if self._trigger is None or number is None:
                     raise self._refusal("reinit() outside a when-statement")
-                value = np.broadcast_to(
-                    np.asarray(self._value(node[2][1], env), dtype=object),
-                    self._model.places_of(number).shape,
-                )
-                for place, one in zip(self._model.places_of(number).ravel(), value.ravel(), strict=True):
+                states = self._model.places_of(number)
+                chosen = self._places(states.shape, subscripts, env)
+                if any(isinstance(one, Expr) for one in chosen):
+                    raise self._refusal("reinit() of an element whose subscript changes")
+                states = np.asarray(states[tuple(chosen)], dtype=object)
+                if any(self._model.role_of(one) != "state" for one in states.ravel()):
+                    raise BuildError(
+                        f"{self._section.file}:{self._section.line}: reinit() of {node[2][0][1]}, which is "
+                        "no state; reinit a variable whose der() stands in an equation"
+                    )
+                value = np.asarray(self._value(node[2][1], env), dtype=object)
+                value = np.broadcast_to(value, states.shape)
+                for place, one in zip(states.ravel(), value.ravel(), strict=True):
                     kept = ex.conditional(self._path, one, place)
                     self._model.add_action("reinit", self._trigger, target=place, value=kept)
             case "print":

@@ -279,3 +279,34 @@ def test_the_check_of_a_model_takes_what_the_build_takes(tmp_path):
     assert not check_model(source).findings
     source.write_text(text.replace("Real y[2];", "Real y[2], z;"))
     assert "z" in check_model(source).findings[0].fault.what
+
+
+def test_when_within_for_sets_and_reinits_elements(tmp_path):
+    """Three balls from 1, 2 and 3 m; each notes when it hits the ground first, and how often it has."""
+    text = """
+model M
+  parameter Integer n = 3;
+  Real h[n](start={1, 2, 3}, each fixed=true), v[n](each start=0, each fixed=true);
+  discrete Real first[n](each start=0, each fixed=true);
+  Integer hits[n](each start=0, each fixed=true);
+equation
+  for i in 1:n loop
+    der(h[i]) = v[i];
+    when h[i] <= 0 then
+      reinit(v[i], -0.8*pre(v[i])); // bounces
+      first[i] = if hits[i] == 1 then time else pre(first[i]);
+      hits[i] = pre(hits[i]) + 1;
+    end when;
+    der(v[i]) = -9.81;
+  end for;
+end M;
+"""
+    heights, firsts = [f"h[{k}]" for k in (1, 2, 3)], [f"first[{k}]" for k in (1, 2, 3)]
+    found = run(made(tmp_path, text), 1.0, 1.0, *heights, *firsts, "hits[1]")
+    for k in range(3):
+        fall = math.sqrt(2 * (k + 1) / 9.81)
+        after = 1 - fall
+        assert found[firsts[k]][-1] == pytest.approx(fall, rel=1e-9)
+        expected = 0.8 * 9.81 * fall * after - 9.81 * after**2 / 2
+        assert found[heights[k]][-1] == pytest.approx(expected, rel=1e-7)
+    assert found["hits[1]"][-1] == 1
