@@ -64,6 +64,7 @@ _RETURNED = (
     "orchestrator.frequency.delay_system:Modes",
     "orchestrator.frequency.delay_system:Mode",
     "orchestrator.frequency.margins:Margins",
+    "orchestrator.frequency.open_loop:OpenLoop",
     "orchestrator.frequency.chart_report:Chart",
     "orchestrator.frequency.describing:LimitCycle",
     "orchestrator.translate.build_report:BuildReport",

@@ -186,7 +186,9 @@ def linearise(
         at_time: the point of a run that it is linear around [s]; None: see `at`.
         at: "start", or "trim": around the steady state, as `orchestrator stability --trim` finds it.
         fix: states that keep their start values there and may go on changing, as "path.turned".
-    Returns: `.modes()`, `.margins()` of each connection in a feedback loop, `.system` with its matrices.
+    Returns: `.modes()`, `.roots()`, `.margins()` of each connection in a feedback loop,
+        `.open("a.y -> b.u")`, `.chart(...)`, `.to_control()`, figures such as `.bode()`, and `.system` with
+        its matrices.
     Raises: ConfigError with what cannot be linearised.
     """
     from .frequency.from_system import linearise as linearise_config
@@ -198,10 +200,13 @@ def linearise(
         raise ConfigError([Problem("at", f"no operating point {at!r}", "start or trim; at_time for times")])
     if at == "start":
         return linearise_config(config, at_time=at_time)
+    from dataclasses import replace
+
     from .frequency.trim import trim
     from .simulation.run import prepare
 
-    return linearise_config(trim(prepare(config), fix).prepared, at_time=at_time)
+    found = linearise_config(trim(prepare(config), fix).prepared, at_time=at_time)
+    return replace(found, config=config, fixed=tuple(fix))
 
 
 def build(

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from ..base.errors import ConfigError, OrchestratorError, Problem, listed
 from ..frequency.delay_system import Mode, Modes
@@ -313,6 +312,8 @@ def predict_contact(loop: ContactLoop, count: int = 6) -> Contact:
 
 
 def _contact(force: Callable[[Complex], Complex], roots: Complex, mass: float, name: str) -> Contact:
+    from scipy.optimize import brentq  # slow to import
+
     weights = _residues(force, roots)
     radius = 0.3 * float(np.min(np.abs(roots)))
     impulse = float(np.mean(force(radius * np.exp(2j * np.pi * np.arange(32) / 32))).real)

@@ -12,6 +12,7 @@ from .excite import sweep_system
 from .from_system import Law, Linearised, LinearPoint, linearise
 from .linearise import direct_gains, sweep
 from .margins import Crossover, Margins
+from .open_loop import OpenLoop
 from .over_parameter import parameter_range
 from .sampled_system import SampledSystem, sampled_system
 from .statespace import StateSpace, state_space
@@ -32,6 +33,7 @@ __all__ = [
     "Measured",
     "Mode",
     "Modes",
+    "OpenLoop",
     "SampledSystem",
     "StateSpace",
     "Trimmed",

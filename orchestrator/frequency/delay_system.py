@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base import graph
 from ..base.errors import ConfigError, OrchestratorError, Problem, listed, nearest
 from .margins import Crossover, Margins, gain_crossovers
+from .refine import minima, zeros
 from .statespace import differentiation
 
 if TYPE_CHECKING:
@@ -742,21 +743,12 @@ class DelaySystem:
 
 def _lowest(function: Callable[[Any], Any], omega: Array, values: Array) -> tuple[float, float]:
     """Where a function is least and its value, near the lowest dips of its values on a grid."""
-    from scipy.optimize import minimize_scalar
-
     place = int(np.argmin(values))
-    best = (float(omega[place]), float(values[place]))
     inner = np.flatnonzero((values[1:-1] <= values[:-2]) & (values[1:-1] <= values[2:])) + 1
-    for index in inner[np.argsort(values[inner])][:_DIPS]:
-        bounds = (omega[index - 1], omega[index + 1])
-        found = minimize_scalar(
-            lambda w: float(function(np.array(w))),
-            bounds=bounds,
-            method="bounded",
-            options={"xatol": 1e-9 * omega[index]},
-        )
-        best = min(best, (float(found.x), float(found.fun)), key=lambda one: one[1])
-    return best
+    chosen = inner[np.argsort(values[inner])][:_DIPS]
+    at, least = minima(function, omega[chosen - 1], omega[chosen + 1])
+    pairs = zip([omega[place], *at], [values[place], *least], strict=True)
+    return min(((float(w), float(value)) for w, value in pairs), key=lambda one: one[1])
 
 
 def _contracts(matrix: Array) -> bool:
@@ -771,21 +763,10 @@ def _owner(port: str) -> str:
 
 def _real_crossings(response: Any, omega: Array, value: Complex) -> list[tuple[float, float]]:
     """(omega, factor by which the gain may change there) where L is real and negative."""
-    from scipy.optimize import brentq
-
-    found: list[tuple[float, float]] = []
     # What is as small as rounding has no sign, and no gain that anyone would reach makes it 1.
     clear = (abs(value.imag) > 1e-9 * abs(value)) & (abs(value) > _NO_GAIN)
     sign = np.where(clear, np.sign(value.imag), 0.0)
-    for index in np.flatnonzero(sign[:-1] * sign[1:] < 0.0):
-        if value.real[index] < 0.0 and value.real[index + 1] < 0.0:
-            w = brentq(
-                lambda w: float(response(np.array([1j * w]))[0].imag),
-                omega[index],
-                omega[index + 1],
-                rtol=1e-13,
-            )
-            factor = float(-1.0 / response(np.array([1j * w]))[0].real)
-            if factor > 0.0:
-                found.append((float(w), factor))
-    return found
+    index = np.flatnonzero((sign[:-1] * sign[1:] < 0.0) & (value.real[:-1] < 0.0) & (value.real[1:] < 0.0))
+    at = zeros(lambda w: response(1j * w).imag, omega[index], omega[index + 1])
+    factors = -1.0 / response(1j * at).real
+    return [(float(w), float(factor)) for w, factor in zip(at, factors, strict=True) if factor > 0.0]

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import root
 
 from ..effects import Effect
 from ..effects.backlash import Backlash
@@ -115,6 +114,8 @@ def _size(effect: Any) -> float:
 def _of(
     linear: Linearised, connection: str, name: str, effect: Effect, mean: float, modes: Modes | None
 ) -> list[LimitCycle]:
+    from scipy.optimize import root  # slow to import
+
     size = _size(effect)
     if not size:
         return []

@@ -8,14 +8,14 @@ for this value: exact up to three loops, and safe for more.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize, minimize_scalar
 
 from .delay_system import DelaySystem, Modes
+from .refine import minima
 
 __all__ = ["DiskMargin", "disk_margin", "sensitivity"]
 
@@ -73,11 +73,11 @@ def disk_margin(system: DelaySystem, connections: Sequence[str], modes: Modes | 
     modes = modes or system.modes()
     half = 0.5 * np.eye(len(connections))
 
-    def peak(w: float) -> float:
-        return _bound(sensitivity(system, connections, w)[0] - half)
+    def peak(w: Array) -> Array:
+        return np.array([_bound(one) for one in sensitivity(system, connections, w) - half])
 
-    def largest(w: float) -> float:
-        return float(np.linalg.norm(sensitivity(system, connections, w)[0], 2))
+    def largest(w: Array) -> Array:
+        return np.linalg.norm(sensitivity(system, connections, w), 2, axis=(1, 2))
 
     omega = system.frequencies(modes)
     whole = sensitivity(system, connections, omega)
@@ -90,23 +90,14 @@ def disk_margin(system: DelaySystem, connections: Sequence[str], modes: Modes | 
     return DiskMargin(tuple(connections), margin, place, most, at)
 
 
-def _highest(function: object, omega: Array, values: Array) -> tuple[float, float]:
+def _highest(function: Callable[[Array], Array], omega: Array, values: Array) -> tuple[float, float]:
     """Where a function is largest and its value, near the largest of its values on a grid."""
-    assert callable(function)
-    best = (float(omega[0]), -np.inf)
     inner = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])) + 1
     tops = inner[np.argsort(-values[inner])][:_PEAKS]
-    for index in (0, len(omega) - 1):
-        best = max(best, (float(omega[index]), float(function(float(omega[index])))), key=lambda one: one[1])
-    for index in tops:
-        found = minimize_scalar(
-            lambda w: -function(w),
-            bounds=(omega[index - 1], omega[index + 1]),
-            method="bounded",
-            options={"xatol": 1e-9 * omega[index]},
-        )
-        best = max(best, (float(found.x), -float(found.fun)), key=lambda one: one[1])
-    return best
+    at, least = minima(lambda w: -function(w), omega[tops - 1], omega[tops + 1])
+    ends = omega[[0, -1]]
+    pairs = zip([*ends, *at], [*function(ends), *-least], strict=True)
+    return max(((float(w), float(value)) for w, value in pairs), key=lambda one: one[1])
 
 
 def _balanced(matrices: Complex) -> Array:
@@ -130,6 +121,8 @@ def _bound(matrix: Complex) -> float:
     count = len(matrix)
     if count == 1:
         return float(abs(matrix[0, 0]))
+
+    from scipy.optimize import minimize, minimize_scalar
 
     def norm(logs: Array) -> float:
         scale = np.exp(np.concatenate([[0.0], np.atleast_1d(logs)]))

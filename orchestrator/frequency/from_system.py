@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.errors import ConfigError, Problem, listed
+from ..base.errors import ConfigError, Problem, listed, nearest
 from ..master.running_instances import Instances, instantiate
 from ..results.measures import choose_measures
 from ..simulation.run import Prepared, prepare
@@ -25,16 +25,20 @@ from ..system.external import ExternalFmu
 from ..system.signal_vector import Signals
 from ..system.system import Instance
 from .closing import chains_of, closed_system, sources
-from .delay_system import DelaySystem, Modes
+from .delay_system import FILTER, DelaySystem, Modes
 from .inner_delays import InnerDelay, inner_delays
 from .late_inputs import MEASURE, acts, find_late_input
 from .margins import Margins
 from .measured_part import measured_part
 from .measured_samples import sampled_law, sampling
+from .open_loop import OpenLoop
 from .statespace import LateInput, Law, StateSpace, linearised, real_ports
 
 if TYPE_CHECKING:
+    import control
     from matplotlib.figure import Figure
+
+    from .chart_report import Chart
 
 __all__ = ["Law", "LinearPoint", "Linearised", "linearise", "refusal"]
 
@@ -69,6 +73,8 @@ class Linearised:
         of_measures: those whose law a measure of the config knows.
         start: start values of the operating point that a measure of the config chose, by instance and
             variable, FMU's units; None: the point is no start of a run.
+        config, at_time, fixed: what it was made of: the config, the time of a run [s], and where it is linear
+            around a steady state the states that were fixed.
     """
 
     system: DelaySystem
@@ -80,6 +86,9 @@ class Linearised:
     inner: Mapping[str, tuple[InnerDelay, ...]] = field(default_factory=dict)
     of_measures: tuple[str, ...] = ()
     start: Mapping[str, Mapping[str, Any]] | None = field(default_factory=dict)
+    config: Any = None
+    at_time: float | None = None
+    fixed: tuple[str, ...] | None = None
 
     @property
     def chosen(self) -> bool:
@@ -103,42 +112,77 @@ class Linearised:
         """
         modes = modes or self.modes()
         found = {name: self.system.margins(name, modes) for name in names or self.system.loops()}
-        return dict(sorted(found.items(), key=lambda item: item[1].modulus_margin))
+        # Loops that are equal to rounding stay in the order of the config.
+        return dict(sorted(found.items(), key=lambda item: float(f"{item[1].modulus_margin:.9e}")))
+
+    def roots(self, count: int = 6) -> NDArray[np.complex128]:
+        """The rightmost characteristic roots, both of each pair, shape (k,) [rad/s]."""
+        found = [one.root for one in self.modes(count).modes]
+        return np.array([z for s in found for z in ((s, s.conjugate()) if s.imag else (s,))])
+
+    def open(self, connection: str = "") -> OpenLoop:
+        """The loop cut at a connection, named as "a.y -> b.u" or by its target; without one, at the weakest.
+
+        Raises: ConfigError if there is no such connection.
+        """
+        known = list(
+            dict.fromkeys(one.connection for one in self.system.links if FILTER not in one.connection)
+        )
+        ends = {_ends(name): name for name in known} | {name.rpartition(" -> ")[2]: name for name in known}
+        if connection:
+            name = connection if connection in known else ends.get(connection)
+            if name is None:
+                allowed = f"there are {listed(known)}"
+                what = f"no connection {connection!r}"
+                raise ConfigError([Problem("open", what, allowed, nearest(connection, known))])
+            return OpenLoop(self.system, name)
+        found = self.margins()
+        if not found:
+            raise ConfigError([Problem("system", "no connection lies within a feedback loop")])
+        return OpenLoop(self.system, next(iter(found)))
+
+    def to_control(self, connection: str = "", order: int = 6) -> control.StateSpace:
+        """The loop cut at a connection as python-control's StateSpace; see `DelaySystem.to_control`."""
+        return self.open(connection).to_control(order)
 
     def bode(self, connection: str = "") -> Figure:
         """Bode diagram of the open loop at a connection; without one, at the weakest."""
-        from . import figures
-
-        return figures.bode(*self._opened(connection))
+        return self.open(connection).bode()
 
     def nyquist(self, connection: str = "") -> Figure:
         """Nyquist diagram of the open loop at a connection; without one, at the weakest."""
-        from . import figures
-
-        return figures.nyquist(*self._opened(connection))
+        return self.open(connection).nyquist()
 
     def nichols(self, connection: str = "") -> Figure:
         """Nichols diagram of the open loop at a connection; without one, at the weakest."""
-        from . import figures
+        return self.open(connection).nichols()
 
-        return figures.nichols(*self._opened(connection))
+    def chart(self, x: str, y: str, points: int | None = None) -> Chart:
+        """Where the system is stable over two values of its config, at its operating point.
 
-    def _opened(self, connection: str) -> tuple[str, Array, NDArray[np.complex128]]:
-        """Name of a connection, frequencies around its crossovers [rad/s], and its open loop there."""
-        modes = self.modes()
-        found = self.margins(modes, [connection] if connection else ())
-        if not found:
-            raise ConfigError([Problem("system", "no connection lies within a feedback loop")])
-        name, one = next(iter(found.items()))
-        sizes = [abs(mode.root) for mode in modes.modes if abs(mode.root) > 1e-9][:2]
-        sizes += [each.omega for each in one.crossovers]
-        omega = np.geomspace(0.05 * min(sizes or [1.0]), 20.0 * max(sizes or [1.0]), 1500)
-        return name, omega, self.system.open_loop(name, omega)
+        Args:
+            x, y: ranges as `orchestrator stability --over` takes them, "robot.tau_m=1..8 ms"; also
+                run.step_size.
+            points: along either axis; None: 200, and 50 with the communication step.
+        """
+        from .chart import config_chart
+        from .over_parameter import parameter_range
+
+        if self.config is None:
+            raise ConfigError([Problem("chart", "the system was not linearised from a config")])
+        ranges = (parameter_range(x), parameter_range(y))
+        return config_chart(self.config, *ranges, at_time=self.at_time, trimmed=self.fixed, points=points)
 
     def __repr__(self) -> str:
         modes = self.modes().modes
         shown = ", ".join(f"{one.frequency:.4g} Hz (damping {one.damping:.3g})" for one in modes[:3])
         return f"{len(self.system.states)} states, {len(self.system.links)} links; modes at {shown or 'none'}"
+
+
+def _ends(connection: str) -> str:
+    """A connection without its effects: "a.y -> b.u"."""
+    parts = connection.split(" -> ")
+    return f"{parts[0]} -> {parts[-1]}"
 
 
 def linearise(
@@ -166,9 +210,10 @@ def linearise(
         raise ConfigError(outside)
     point = point or _known_point(prepared)
     if at_time is not None:
-        return replace(_linearised(prepared, at_time, point.laws), start=None)
+        made = _linearised(prepared, at_time, point.laws)
+        return replace(made, start=None, config=prepared.config, at_time=at_time)
     made = _linearised(_started(prepared, point.start), None, point.laws)
-    return replace(made, start=point.start)
+    return replace(made, start=point.start, config=prepared.config)
 
 
 def _known_point(prepared: Prepared) -> LinearPoint:

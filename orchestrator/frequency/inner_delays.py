@@ -14,8 +14,6 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline
-from scipy.optimize import minimize_scalar
 
 from ..base.errors import OrchestratorError, listed
 from ..fmi import FmuInstance, Point, StepStatus
@@ -290,6 +288,8 @@ class _Row:
     def __init__(self, times: Array, values: Array, slopes: Array, left: Array, heights: Array) -> None:
         self.times, self.values, self.heights = times, values, heights
         self.left = left - left[:1]
+        from scipy.interpolate import CubicHermiteSpline  # slow to import
+
         self.course = CubicHermiteSpline(times, values, slopes, axis=0) if len(times) > 1 else None
 
     def delays(self, gains: Array) -> list[tuple[float, Array]] | str:
@@ -358,6 +358,8 @@ class _Row:
 
 def _least(misfit: Any, bounds: tuple[float, float]) -> tuple[float, float, bool]:
     """The delay with the least misfit, the misfit, and whether its neighbours are worse."""
+    from scipy.optimize import minimize_scalar  # slow to import
+
     places = np.linspace(*bounds, 41)
     values = np.array([misfit(one) for one in places])
     index = int(np.argmin(values))

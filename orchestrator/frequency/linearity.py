@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 
 # Largest motion of an input, relative to its value or nominal one; how many cycles; steps at most.
 _HEIGHT, _CYCLES, _MOST = 1e-3, 2.0, 6000
+# Steps that show the motion; shorter communication steps are taken together.
+_ENOUGH = 400
 # Steps before the motion, for what initialises itself at the first ones.
 _SETTLE = 16
 # Of an output's motion: what may differ. A smooth law differs by a share of the height.
@@ -73,11 +75,25 @@ def unlike_parts(prepared: Prepared, linear: Linearised, modes: Modes) -> list[U
     for one in prepared.system.instances:
         if one.name in linear.of_measures or one.fmu.path is None:
             continue
-        part = sampled_part(linear, one.name, size, samples=_every(linear, one.name, size))
+        stretch = _stretch(one, linear, mode, size)
+        samples = _every(linear, one.name, size)
+        part = sampled_part(linear, one.name, size * stretch, samples=samples)
         inputs = [name for name in part.space.inputs if f"{one.name}.{name}" in moved]
-        if inputs and (worst := _worst(one, inputs, moved, mode, prepared, linear, part)) is not None:
-            found.append(worst)
+        worst = _worst(one, inputs, moved, mode, prepared, linear, part, stretch) if inputs else None
+        found += [worst] if worst is not None else []
     return found
+
+
+def _stretch(one: Instance, linear: Linearised, mode: Mode, step: float) -> int:
+    """Communication steps in a step of the motion: as many as keep the motion smooth."""
+    law = linear.laws.get(one.name)
+    if (law is not None and law.period) or not one.fmu.description.capabilities.variable_step_size:
+        return 1
+    return max(1, int(_CYCLES * 2.0 * np.pi / (_omega(mode) * step) / _ENOUGH))
+
+
+def _omega(mode: Mode) -> float:
+    return abs(mode.root.imag) or abs(mode.root)
 
 
 def _every(linear: Linearised, name: str, step: float) -> int:
@@ -107,9 +123,10 @@ def _worst(
     prepared: Prepared,
     linear: Linearised,
     part: Any,
+    stretch: int,
 ) -> Unlike | None:
-    step = float(prepared.grid.step_size)
-    omega = abs(mode.root.imag) or abs(mode.root)
+    step = float(prepared.grid.step_size) * stretch
+    omega = _omega(mode)
     count = int(np.ceil(_CYCLES * 2.0 * np.pi / (omega * step)))
     if not 8 * _CYCLES <= count <= _MOST:
         return None
@@ -124,7 +141,8 @@ def _worst(
 
     def answers(factor: float) -> Array:
         motion = [*still, *(factor * course)]
-        known = list(differences(one, inputs, values, seen, prepared, motion))[_SETTLE + 1 :]
+        known = list(differences(one, inputs, values, seen, prepared, motion, 1.0 / stretch))
+        known = known[_SETTLE + 1 :]
         return np.array(known).reshape(len(known), len(seen)) / factor
 
     try:

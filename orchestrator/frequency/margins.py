@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq, minimize_scalar
+
+from .refine import minima, zeros
 
 __all__ = ["Crossover", "Margins", "gain_crossovers"]
 
@@ -93,33 +94,26 @@ def gain_crossovers(response: Response, omega: Array) -> list[tuple[float, bool]
     shows.
     """
 
-    def level(w: float | Array) -> Array:
+    def level(w: Array) -> Array:
         return np.log(np.maximum(np.abs(response(1j * np.asarray(w, np.float64))), 1e-300))
 
     values = level(omega)
     inner = np.arange(1, len(omega) - 1)
     # Not below only: halfway between two frequencies a peak has the same level at both.
     turning = inner[(values[inner] - values[inner - 1]) * (values[inner + 1] - values[inner]) <= 0.0]
-    extra = []
-    for index in turning:
-        sign = 1.0 if values[index] > 0.0 else -1.0
-        if (
-            sign * values[index]
-            > max(abs(values[index] - values[index - 1]), abs(values[index + 1] - values[index])) * 4
-        ):
-            continue
-        found = minimize_scalar(
-            lambda w, sign=sign: sign * float(level(w)),
-            bounds=(omega[index - 1], omega[index + 1]),
-            method="bounded",
-            options={"xatol": 1e-12 * omega[index]},
-        )
-        extra.append(found.x)
-    if extra:
-        omega = np.sort(np.concatenate([omega, extra]))
+    beside = np.maximum(
+        abs(values[turning] - values[turning - 1]), abs(values[turning + 1] - values[turning])
+    )
+    turning = turning[abs(values[turning]) <= 4.0 * beside]
+    if turning.size:
+        sign = np.where(values[turning] > 0.0, 1.0, -1.0)
+
+        def turned(w: Array) -> Array:
+            return np.resize(sign, len(w)) * level(w)
+
+        omega = np.sort(np.concatenate([omega, minima(turned, omega[turning - 1], omega[turning + 1])[0]]))
         values = level(omega)
-    crossings = []
-    for index in np.flatnonzero((values[:-1] > 0.0) != (values[1:] > 0.0)):
-        w = brentq(lambda w: float(level(w)), omega[index], omega[index + 1], xtol=1e-300, rtol=1e-14)
-        crossings.append((float(w), bool(values[index] > values[index + 1])))
-    return crossings
+    index = np.flatnonzero((values[:-1] > 0.0) != (values[1:] > 0.0))
+    found = zeros(level, omega[index], omega[index + 1])
+    falling = values[index] > values[index + 1]
+    return list(zip(found.tolist(), falling.tolist(), strict=True))

@@ -88,7 +88,7 @@ def differences(
     watched: Sequence[str],
     prepared: Prepared,
     deviations: Iterable[Array],
-    fine: int = 1,
+    fine: float = 1,
 ) -> Iterator[Array]:
     """By how much variables of two runs of one FMU differ, at the start and after each step.
 

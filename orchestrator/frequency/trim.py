@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from ..base.errors import ConfigError, Problem, StepError, listed, nearest
 from ..fmi import Variable
@@ -78,6 +77,8 @@ def trim(prepared: Prepared, fixed: Sequence[str] = ()) -> Trimmed:
     Raises: ConfigError for FMUs without directional derivatives, unknown states, states without a start value
         that can be set, and where no steady state is found: it names what goes on changing.
     """
+    from scipy.optimize import least_squares  # slow to import
+
     search = _Search(prepared, tuple(fixed))
     begin = search.begin
     if not search.free:

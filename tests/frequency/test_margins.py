@@ -6,6 +6,7 @@ import pytest
 
 from orchestrator.docking.stability import ContactLoop
 from orchestrator.frequency import DelaySystem, Margins
+from orchestrator.frequency.refine import minima, zeros
 
 
 def loop(above, below, delay: float = 0.0) -> DelaySystem:
@@ -86,3 +87,18 @@ def test_the_step_response_is_that_of_python_control(delay):
     expected = control.step_response(control.feedback(control.ss(plant * late), 1), time).outputs
     late_enough = time > 2.0 * delay
     np.testing.assert_allclose(found[late_enough], expected[late_enough], atol=4e-4)
+
+
+def test_zeros_and_minima_of_many_brackets_at_once():
+    places = np.array([0.3, 0.70001, 5.0, 80.0])
+    low, high = places * np.array([0.9, 1.0, 0.5, 0.999]), places * np.array([1.3, 2.0, 1.0, 1.2])
+
+    def cubic(x):
+        scaled = x / np.resize(places, len(x)) - 1.0
+        return scaled * (1.0 + 4.0 * scaled**2)
+
+    assert zeros(cubic, low, high) == pytest.approx(places, rel=1e-13)
+    assert zeros(lambda x: -cubic(x), low, high) == pytest.approx(places, rel=1e-13)
+    at, least = minima(lambda x: 3.0 + (x / np.resize(places, len(x)) - 1.0) ** 2, low, high)
+    assert at == pytest.approx(places, rel=1e-6) and least == pytest.approx(np.full(4, 3.0), rel=1e-12)
+    assert not len(zeros(cubic, low[:0], high[:0]))
