@@ -1,9 +1,10 @@
-"""Limit cycles that an effect which is not linear predicts, by its describing function.
+"""Limit cycles that an effect which is not linear predicts: its describing function, then harmonic balance.
 
 A sine of amplitude A goes through the effect as a run has it; N(A) is the first harmonic of what comes out
 over that of the sine (Gelb, Vander Velde, Multiple-Input Describing Functions, 1968). The loop oscillates
-where 1 + N(A) L(j omega) = 0, with L the loop opened at the connection. Harmonics are neglected: the loop is
-to be a low-pass.
+where 1 + N(A) L(j omega) = 0, with L the loop opened at the connection. From there the balance of several
+harmonics is solved: E_k + L(j k omega) Y_k = 0, with E_k those of what enters the effect and Y_k those of
+what comes out.
 """
 
 from __future__ import annotations
@@ -33,6 +34,10 @@ Complex = NDArray[np.complex128]
 _KINDS = (Saturate, DeadBand, Backlash, Quantise, RateLimit)
 # Samples of a period, and periods until a memory has settled.
 _SAMPLES, _SETTLED = 2048, 2
+# Of the harmonic balance: the highest harmonic, samples of a period, and what may be left of it.
+_HARMONICS, _BALANCE_SAMPLES, _BALANCED = 15, 512, 1e-5
+# A balance that ends further away than this factor is another oscillation.
+_NEAR = 2.0
 # Amplitudes over the size of the effect, from and to, and how many.
 _AMPLITUDES = np.geomspace(0.05, 1e3, 240)
 _FREQUENCIES = 600
@@ -44,10 +49,13 @@ class LimitCycle:
 
     Attributes:
         connection, effect: which effect, and where.
-        amplitude: of the signal that enters the effect, in the unit of the connection's target.
+        amplitude: half of the range of the signal that enters the effect, in the unit of the connection's
+            target.
         omega: [rad/s].
         stable: whether oscillations beside it come back to it; else it parts those that grow from those that
             decay.
+        first_amplitude, first_omega: by the first harmonic alone.
+        balanced: whether the balance of several harmonics was found; if not, all is by the first alone.
     """
 
     connection: str
@@ -55,6 +63,9 @@ class LimitCycle:
     amplitude: float
     omega: float
     stable: bool
+    first_amplitude: float
+    first_omega: float
+    balanced: bool
 
     @property
     def frequency(self) -> float:
@@ -153,13 +164,65 @@ def _of(
             continue
         amplitude = amplitude / frequency if limited else amplitude
         if any(
-            abs(one.omega / frequency - 1.0) < 1e-4 and abs(one.amplitude / amplitude - 1.0) < 1e-3
+            abs(one.first_omega / frequency - 1.0) < 1e-4
+            and abs(one.first_amplitude / amplitude - 1.0) < 1e-3
             for one in found
         ):
             continue
         stable = _comes_back(linear, connection, n, solved.x)
-        found.append(LimitCycle(connection, name, float(amplitude), float(frequency), stable))
+        first = float(amplitude), float(frequency)
+        balance = _balance(linear, connection, effect, mean, *first)
+        found.append(LimitCycle(connection, name, *(balance or first), stable, *first, balance is not None))
     return found
+
+
+def _answer(effect: Effect, values: Array, omega: float) -> Array:
+    """What comes out of an effect that a periodic signal has settled in, shape of the samples of a period."""
+    step = 2.0 * np.pi / omega / len(values)
+    options, memory = effect.numbers(), np.zeros(max(effect.room(step), 1))
+    kernel = type(effect).kernel
+    for turn in range(_SETTLED + 1):
+        begin = turn * len(values)
+        answer = [
+            kernel((begin + index) * step, [value], options, memory, True)
+            for index, value in enumerate(values.tolist())
+        ]
+    return np.array(answer)
+
+
+def _balance(
+    linear: Linearised, connection: str, effect: Effect, mean: float, amplitude: float, omega: float
+) -> tuple[float, float] | None:
+    """Amplitude and frequency by several harmonics, from those by the first; None if they are not found."""
+    from scipy.optimize import root
+
+    # Effects are odd: around a mean that is not 0 there are even harmonics, too.
+    orders = np.arange(1, _HARMONICS + 1, 1 if mean else 2)
+    phase = 2.0 * np.pi * np.arange(_BALANCE_SAMPLES) / _BALANCE_SAMPLES
+    waves = np.exp(1j * np.outer(orders, phase))
+
+    def entering(x: Array) -> Array:
+        parts = np.concatenate([[1.0], x[2:].view(np.complex128)])
+        return mean + amplitude * np.exp(x[0]) * np.real(parts @ waves)
+
+    def coming_back(x: Array) -> Complex:
+        size, w = amplitude * np.exp(x[0]), omega * np.exp(x[1])
+        answer = _answer(effect, entering(x), w)
+        harmonics = 2.0 * np.mean(answer * waves.conj(), axis=1)
+        return linear.system.open_loop(connection, orders * w) * harmonics / size
+
+    def miss(x: Array) -> Array:
+        parts = np.concatenate([[1.0], x[2:].view(np.complex128)])
+        return (parts + coming_back(x)).view(np.float64)
+
+    begin = np.zeros(2 * len(orders))
+    begin[2:] = -coming_back(begin)[1:].view(np.float64)
+    solved = root(miss, begin, method="hybr", options={"xtol": 1e-9})
+    near = np.all(abs(solved.x[:2]) < np.log(_NEAR))
+    if not near or not np.max(abs(miss(solved.x))) < _BALANCED:
+        return None
+    course = entering(solved.x)
+    return 0.5 * float(np.ptp(course)), float(omega * np.exp(solved.x[1]))
 
 
 def _cells(value: Complex) -> list[tuple[int, int]]:
@@ -184,9 +247,16 @@ def limit_cycles_text(cycles: Sequence[LimitCycle]) -> str:
     """Limit cycles in lines for terminals."""
     if not cycles:
         return "no effect predicts a limit cycle"
-    lines = ["limit cycles by describing functions, harmonics neglected:"]
+    lines = ["limit cycles, by harmonic balance and by the first harmonic alone (describing function):"]
     for one in cycles:
         kind = "stable" if one.stable else "unstable: larger ones grow, smaller ones decay"
         place = f"{one.effect} on {one.connection}"
-        lines.append(f"  {place}: {one.frequency:.4g} Hz, amplitude {one.amplitude:.4g} before it; {kind}")
+        first = f"{one.first_omega / (2.0 * np.pi):.4g} Hz, {one.first_amplitude:.4g}"
+        if one.balanced:
+            found = (
+                f"{one.frequency:.4g} Hz, amplitude {one.amplitude:.4g} before it (first harmonic: {first})"
+            )
+        else:
+            found = f"{first} by the first harmonic; no balance of {_HARMONICS} harmonics was found near it"
+        lines.append(f"  {place}: {found}; {kind}")
     return "\n".join(lines)
