@@ -60,6 +60,7 @@ _STUDY_SECTIONS: dict[str, type[BaseModel]] = {
 _RETURNED = (
     "orchestrator.campaign.sweep:Swept",
     "orchestrator.frequency.from_system:Linearised",
+    "orchestrator.frequency.linear_config:LinearConfig",
     "orchestrator.frequency.delay_system:DelaySystem",
     "orchestrator.frequency.delay_system:Modes",
     "orchestrator.frequency.delay_system:Mode",

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .campaign.sweep import Swept
     from .diagnosis.rig.diagnosed import Diagnosed
     from .diagnosis.unknown_input.diagnose import DiagnosedSystem
-    from .frequency.from_system import Linearised
+    from .frequency.linear_config import LinearConfig
     from .report.system_view import System
     from .results.signal import Signal
     from .results.summary import Summary
@@ -178,7 +178,7 @@ def linearise(
     at_time: float | None = None,
     at: str = "start",
     fix: Sequence[str] = (),
-) -> Linearised:
+) -> LinearConfig:
     """The linear system with delays that a system is, without communication steps.
 
     Args:
@@ -191,22 +191,13 @@ def linearise(
         its matrices.
     Raises: ConfigError with what cannot be linearised.
     """
-    from .frequency.from_system import linearise as linearise_config
+    from .frequency.linear_config import linear_config
 
-    config = _changed(system, set)
     if at not in ("start", "trim"):
         from .base.errors import ConfigError, Problem
 
         raise ConfigError([Problem("at", f"no operating point {at!r}", "start or trim; at_time for times")])
-    if at == "start":
-        return linearise_config(config, at_time=at_time)
-    from dataclasses import replace
-
-    from .frequency.trim import trim
-    from .simulation.run import prepare
-
-    found = linearise_config(trim(prepare(config), fix).prepared, at_time=at_time)
-    return replace(found, config=config, fixed=tuple(fix))
+    return linear_config(_changed(system, set), at_time, fix if at == "trim" else None)
 
 
 def build(

@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     import control
     from matplotlib.figure import Figure
 
-    from .chart_report import Chart
-
 __all__ = ["Law", "LinearPoint", "Linearised", "linearise", "refusal"]
 
 Array = NDArray[np.float64]
@@ -73,8 +71,6 @@ class Linearised:
         of_measures: those whose law a measure of the config knows.
         start: start values of the operating point that a measure of the config chose, by instance and
             variable, FMU's units; None: the point is no start of a run.
-        config, at_time, fixed: what it was made of: the config, the time of a run [s], and where it is linear
-            around a steady state the states that were fixed.
     """
 
     system: DelaySystem
@@ -86,9 +82,6 @@ class Linearised:
     inner: Mapping[str, tuple[InnerDelay, ...]] = field(default_factory=dict)
     of_measures: tuple[str, ...] = ()
     start: Mapping[str, Mapping[str, Any]] | None = field(default_factory=dict)
-    config: Any = None
-    at_time: float | None = None
-    fixed: tuple[str, ...] | None = None
 
     @property
     def chosen(self) -> bool:
@@ -157,22 +150,6 @@ class Linearised:
         """Nichols diagram of the open loop at a connection; without one, at the weakest."""
         return self.open(connection).nichols()
 
-    def chart(self, x: str, y: str, points: int | None = None) -> Chart:
-        """Where the system is stable over two values of its config, at its operating point.
-
-        Args:
-            x, y: ranges as `orchestrator stability --over` takes them, "robot.tau_m=1..8 ms"; also
-                run.step_size.
-            points: along either axis; None: 200, and 50 with the communication step.
-        """
-        from .chart import config_chart
-        from .over_parameter import parameter_range
-
-        if self.config is None:
-            raise ConfigError([Problem("chart", "the system was not linearised from a config")])
-        ranges = (parameter_range(x), parameter_range(y))
-        return config_chart(self.config, *ranges, at_time=self.at_time, trimmed=self.fixed, points=points)
-
     def __repr__(self) -> str:
         modes = self.modes().modes
         shown = ", ".join(f"{one.frequency:.4g} Hz (damping {one.damping:.3g})" for one in modes[:3])
@@ -210,10 +187,9 @@ def linearise(
         raise ConfigError(outside)
     point = point or _known_point(prepared)
     if at_time is not None:
-        made = _linearised(prepared, at_time, point.laws)
-        return replace(made, start=None, config=prepared.config, at_time=at_time)
+        return replace(_linearised(prepared, at_time, point.laws), start=None)
     made = _linearised(_started(prepared, point.start), None, point.laws)
-    return replace(made, start=point.start, config=prepared.config)
+    return replace(made, start=point.start)
 
 
 def _known_point(prepared: Prepared) -> LinearPoint:
