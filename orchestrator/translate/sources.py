@@ -460,7 +460,10 @@ def _belonging(path: Path, place: PurePosixPath, label: str) -> str | None:
 
 def _read(path: Path) -> str:
     try:
-        return path.read_bytes().decode()
+        # A backslash that begins no escape sequence, as in paths of Windows, stands for itself.
+        return re.sub(
+            r"\\(['\"?\\abfnrtv]?)", lambda one: one[0] if one[1] else r"\\", path.read_bytes().decode()
+        )
     except UnicodeDecodeError as error:
         raise BuildError(
             f"{path}: byte {error.start} is not UTF-8, the encoding of Modelica files"

@@ -198,3 +198,14 @@ def test_of_several_models_the_one_that_uses_the_others_is_built(tmp_path):
     )
     assert load_sources(file).model_name(None) == "Whole"
     assert build(file, tmp_path / "X.fmu", platforms=()).counts["states"] == 1
+
+
+def test_a_single_backslash_in_a_text_stands_for_itself(tmp_path):
+    file = tmp_path / "M.mo"
+    file.write_bytes(rb"""model M
+  parameter String path = "C:\Work\table.txt", tab = "a\tb\\";
+  Real y = time;
+end M;
+""")
+    assert r'"C:\\Work\table.txt", tab = "a\tb\\"' in load_sources(file).texts["M.mo"]
+    assert build(file, tmp_path / "X.fmu", platforms=()).counts["states"] == 0
