@@ -9,7 +9,7 @@ import numpy as np
 
 from ..base.errors import ConfigError, Problem, listed, nearest
 from ..simulation.run import Prepared
-from .delay_system import Modes
+from .delay_system import FILTER, Modes
 from .disk import DiskMargin, disk_margin, sensitivity
 from .from_system import Linearised, linearise
 from .linearity import Unlike, linearity_text, unlike_parts
@@ -100,7 +100,8 @@ def _without(unlike: Sequence[Unlike]) -> str:
 
 
 def _named(linear: Linearised, opened: Sequence[str]) -> list[str]:
-    known = {name.rpartition("-> ")[2]: name for name in (one.connection for one in linear.system.links)}
+    names = [one.connection for one in linear.system.links if FILTER not in one.connection]
+    known = {name.rpartition("-> ")[2]: name for name in names}
     problems = [
         Problem("--open", f"nothing is connected to {one}", f"targets: {listed(known)}", nearest(one, known))
         for one in opened

@@ -8,6 +8,7 @@ import pytest
 
 import orchestrator as orc
 from orchestrator.base.errors import ConfigError
+from orchestrator.cli.main import main
 
 LATE = {"connections[3].through": [{"delay": "1 ms"}]}
 
@@ -47,3 +48,11 @@ def test_a_chart_is_around_the_operating_point_of_the_system():
     (line,) = drawn.border
     delay = 1e-3 + linear.open("drive.voltage").margins().delay_margin
     assert 1e-3 * np.interp(243.45, line[:, 0], line[:, 1]) == pytest.approx(delay, rel=1e-3)
+
+
+def test_filters_of_connections_are_no_places_to_open(capsys):
+    filtered = "connections[3].through=[{low-pass: 200 Hz}]"
+    assert main(["stability", "emps", "--set", filtered, "--open", "drive.nothing"]) == 2
+    printed = capsys.readouterr().err
+    assert "nothing is connected to drive.nothing" in printed and "drive.voltage" in printed
+    assert "filter" not in printed
