@@ -427,7 +427,8 @@ def _drawn(members: list[Law]) -> str:
     signal = time / time[-1] * np.sin(1.5 * time)
     sizes = {"spread": 0.4, "interval": interval, "rate": 1.0 / interval, "one": 1.0, "run": time[-1],
              "slope": 0.8, "step": 0.4 * interval, "second": 0.9, "product": 0.2, "range": 2.0,
-             "second range": 2.0, "most": float(np.abs(signal).max())}  # fmt: skip
+             "second range": 2.0, "second step": 0.36 * interval,
+             "most": float(np.abs(signal).max())}  # fmt: skip
     columns = 6
     lines = -(-len(members) // columns)
     figure = Figure(figsize=(10.0, 1.5 * lines), layout="constrained")
