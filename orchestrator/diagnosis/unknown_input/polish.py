@@ -92,24 +92,24 @@ class Replays:
         numbers = np.abs(constants[len(self.model.nominal) :])
         return np.concatenate([np.maximum(self.model.tolerance, 1e-12), np.where(numbers > 0, numbers, 1e-9)])
 
+    def deviations(self, constants: Array, starts: Sequence[Array]) -> Array:
+        """Of parameters and start states from the study's, over tolerances and spreads."""
+        count = len(self.model.nominal)
+        away = [(constants[:count] - self.model.nominal) / self.sizes(constants)[:count]]
+        away += [(own - one[3]) / self.scale for own, one in zip(starts, self.runs.data, strict=True)]
+        return np.concatenate(away)
+
     def bounds(self, residual: Array, constants: Array) -> tuple[float, Array, Array]:
         """How a fit weighs residuals against tolerances.
 
-        What is missing is no white noise: the residual's size and its length in time weigh logs against
-        tolerances.
-
-        Returns: factor of the residuals; derivatives of the deviations of parameters and start states by all
-            that is fitted, over their sizes; these deviations.
+        Returns: factor of the residuals, see `_weight`; derivatives of the deviations of parameters and start
+            states by all that is fitted, over their sizes; these deviations.
         """
-        weight = 1.0 / np.sqrt(max(1.0, float(np.mean(residual**2)) * _length(residual)))
+        deviations = self.deviations(constants, self.starts)
         parameters, count = len(self.model.nominal), len(constants)
-        size = self.sizes(constants)[:parameters]
-        away = [(constants[:parameters] - self.model.nominal) / size]
-        away += [(own - one[3]) / self.scale for own, one in zip(self.starts, self.runs.data, strict=True)]
-        deviations = np.concatenate(away)
         width = count + len(deviations) - parameters
         bounded = np.r_[np.arange(parameters), np.arange(count, width)]
-        return weight, np.eye(width)[bounded], deviations
+        return _weight(residual, _length(residual)), np.eye(width)[bounded], deviations
 
     def sensitivity(
         self, constants: Array, starts: Sequence[Array] | None = None, sizes: Array | None = None,
@@ -178,9 +178,6 @@ def polished(
     scales = np.concatenate([size[:nc], *([replays.scale] * len(replays.starts))])
     begin = np.concatenate([constants[:nc], *replays.starts]) / scales
     free = np.concatenate([np.arange(0 if fixed else np_), np.arange(nc, len(begin))])
-    prior = (
-        np.concatenate([*([] if fixed else [model.nominal]), *(one[3] for one in runs.data)]) / scales[free]
-    )
     now = replays.residual(constants)
 
     def apart(theta: Array) -> tuple[Array, list[Array]]:
@@ -190,27 +187,34 @@ def polished(
     # What is missing is no white noise: in the end, the residual's size and its length in time weigh logs
     # against tolerances. At first the logs count more, so that the fit is free to move.
     for length in (1.0, None):
-        power = float(np.mean(now**2)) * (_length(now) if length is None else length)
-        weight = 1.0 / np.sqrt(max(1.0, power))
+        weight = _weight(now, _length(now) if length is None else length)
 
         def function(theta: Array, weight: float = weight) -> Array:
-            return np.concatenate([weight * replays.residual(*apart(theta)), theta[free] - prior])
+            away = replays.deviations(*apart(theta))[np_ if fixed else 0 :]
+            return np.concatenate([weight * replays.residual(*apart(theta)), away])
 
         def jacobian(theta: Array, weight: float = weight) -> Array:
-            bounds = np.zeros((len(free), len(theta)))
-            bounds[np.arange(len(free)), free] = 1.0
+            bounds = np.eye(len(theta))[free]
             return np.vstack([weight * replays.sensitivity(*apart(theta), size, fixed, exact), bounds])
 
         best = least_squares(function, begin, jacobian, max_nfev=trials, xtol=1e-5, ftol=1e-4, x_scale="jac")
         now, begin = best.fun[: len(now)] / weight, best.x
-        if fixed or power <= 1.5:
+        if fixed or weight**2 >= 1.0 / 1.5:
             break
     covariance = _covariance(best.jac, size[:nc])
     found, own = apart(best.x)
     if samples is not None:
         now = Replays(runs, laws, starts=own).residual(found)
-    strain = float((((found[:np_] - model.nominal) / np.maximum(model.tolerance, 1e-300)) ** 2).sum())
+    strain = float((replays.deviations(found, own)[:np_] ** 2).sum())
     return Polished(found, covariance, own, float(np.sqrt(np.mean(now**2))), len(now), _length(now), strain)
+
+
+def _weight(residual: Array, length: float) -> float:
+    """Factor of residuals, beside tolerances, by the residual's size and its length in time.
+
+    What is missing is no white noise.
+    """
+    return float(1.0 / np.sqrt(max(1.0, float(np.mean(residual**2)) * length)))
 
 
 def _covariance(jacobian: Array, size: Array) -> Array:
