@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...base.parallel import in_parallel
 from .judge import closed, likely
-from .law_fit import Candidate, Fitted, fit, readable, screened, spread_out
+from .law_fit import Candidate, Fitted, fit, readable, screened, spread_out, starts_of
 from .laws import Number
 from .model import StateModel
 from .places import Runs, rank
@@ -305,17 +305,16 @@ class Search:
             return every
         self.progress("laws")
         scores = [self.scores(begin) for begin in self.begins]
-        tried = self._from_begins(
-            scores, lambda one: [[law] for law in spread_out(one.candidates, _TRIED, _EACH)]
-        )
+        tried = self._from_begins(scores, partial(_singly, most=_TRIED, each=_EACH))
+        if tried and not self.explained(tried):
+            for one in _families(_unlike(tried))[:_BEAM]:
+                tried += self._wider(*one)
         singles = self.finished(tried, _KEPT)
         every += singles
         if not self.explained(every):
             self.progress("rarer laws")
             late = [self.scores(begin, late=True) for begin in self.begins]
-            tried = self._from_begins(
-                late, lambda one: [[law] for law in spread_out(one.candidates, _LATE, 1)]
-            )
+            tried = self._from_begins(late, partial(_singly, most=_LATE, each=1))
             rare = self.finished(tried, _LATE_KEPT)
             every += rare
             singles = _unlike([*singles, *rare])
@@ -340,6 +339,22 @@ class Search:
             for begin, scored in zip(self.begins, scores, strict=True)
             for one in self.tried(sets(scored), begin)
         ]
+
+    def _wider(self, best: Fitted, found: Polished) -> list[tuple[Fitted, Polished]]:
+        """A single law replaced by those of its family with more numbers, which begin with its own."""
+        (law,) = best.laws
+        known = {number.name: value for number, value in zip(law.law.numbers, best.numbers, strict=True)}
+        count = len(self.model.nominal)
+        return self._fits(
+            ((replace(one, numbers=start),), np.r_[found.constants[:count], start], found.starts)
+            for one in readable(self.model, law.place)
+            if one.law.family == law.law.family and one.signal == law.signal
+            and len(one.law.numbers) > len(known)
+            for start in {
+                tuple(known.get(each.name, value) for each, value in zip(one.law.numbers, start, strict=True))
+                for start in starts_of(one, self.runs)
+            }
+        )  # fmt: skip
 
     def _alike(self, best: Fitted, found: Polished) -> list[tuple[Fitted, Polished]]:
         """A pair with each law in turn replaced: by one that alone acts the same, or by one of its family."""
