@@ -27,7 +27,7 @@ def simplest(search: Search, weighed: Sequence[tuple[Fitted, Polished, float]]) 
     A second law must halve what the best single one leaves, if that is twice the noise or more. So must an
     answer that moves a parameter beyond its tolerance, against the best one that does not. A law that is
     tried late must close as much of what the others leave as any law in its place. A law must halve what one
-    with fewer numbers leaves, of its family at its component.
+    with fewer numbers and states leaves, of its family at its component.
     """
     best: dict[int, int] = {}
     for count in {len(one.laws) for one, _, _ in weighed}:
@@ -58,10 +58,15 @@ def simplest(search: Search, weighed: Sequence[tuple[Fitted, Polished, float]]) 
     answer = weighed[chosen]
     simpler = [
         k for k, one in enumerate(weighed)
-        if _kind(one[0]) == _kind(answer[0]) and len(one[0].numbers) < len(answer[0].numbers)
+        if _kind(one[0]) == _kind(answer[0]) and _size(one[0]) < _size(answer[0])
         and closed(one[1].remains, answer[1].remains) < _HALF
     ]  # fmt: skip
     return simpler[0] if simpler else chosen
+
+
+def _size(one: Fitted) -> int:
+    """Numbers and states of laws."""
+    return len(one.numbers) + sum(law.law.states for law in one.laws)
 
 
 def _kind(one: Fitted) -> tuple[tuple[str, int], ...]:
