@@ -328,7 +328,7 @@ LONG = """
 import resource, sys
 from fractions import Fraction
 from pathlib import Path
-from assembled import assemble
+from tests.assembled import assemble
 from orchestrator.system.assembly import Part
 from orchestrator.fmi import load_fmu
 from orchestrator.master import create_master
