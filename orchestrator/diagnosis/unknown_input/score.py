@@ -88,10 +88,10 @@ def scored(
     left -= basis @ (basis.T @ left)
     whole = float(left @ left)
 
-    def changed(place: Place, readable: Sequence[Candidate]) -> list[tuple[Candidate, Array]]:
+    def changed(place: Place, candidates: Sequence[Candidate]) -> list[tuple[Candidate, Array]]:
         """Laws at a place that change the residual, and what they change."""
         found = []
-        for one in readable:
+        for one in candidates:
             law = one.law
             with_law = Replays(runs, [*laws, one.inserted], SAMPLES, starts)
             best: tuple[Candidate, Array] | None = None

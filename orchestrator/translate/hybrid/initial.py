@@ -93,7 +93,7 @@ def initial_system(
     values = _values(model, blocks, sought) if surplus else {}
     origins = places_of(model.initial_origins, model.initial_equations)
     origins += [model.place_of(one) for one in given]
-    told: list[str] = []
+    faults: list[str] = []
     checks: list[Check] = []
     for number in surplus:
         agrees = _agrees(equations[number])
@@ -113,14 +113,14 @@ def initial_system(
                 "fixed=true"
             )
         if holds is ex.ZERO:
-            told.append(str(model.refusal(f"too many initial equations: {what}", place)))
+            faults.append(str(model.refusal(f"too many initial equations: {what}", place)))
         elif holds is ex.ONE and is_start:
             notes.append(f"{shown} is not used, since others determine it")
         else:
             notes.append(f"{shown} is redundant: the FMU checks that it agrees with the others")
             checks.append(Check(agrees, shown))
-    if told:
-        raise (PlacedError if any(model.declared) else BuildError)("\n".join(told))
+    if faults:
+        raise (PlacedError if any(model.declared) else BuildError)("\n".join(faults))
     taken = [one.name for k, one in enumerate(weak) if len(required) + len(starts) + k in used]
     if taken:
         notes.append(f"started at their start values, though not fixed: {', '.join(taken)}")
