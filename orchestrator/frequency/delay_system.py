@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base import graph
 from ..base.errors import ConfigError, OrchestratorError, Problem, listed, nearest
-from .margins import Crossover, Margins, gain_crossovers
+from .margins import FAR, Crossover, DelayMargin, Margins, borne_delay, gain_crossovers
 from .refine import minima, zeros
 from .statespace import differentiation
 
@@ -255,6 +255,15 @@ class DelaySystem:
     @cached_property
     def _solved(self) -> Array:
         return np.linalg.inv(self._loop_at_once)
+
+    @cached_property
+    def _undelayed(self) -> Complex:
+        """Roots if nothing were late, shape (n,); empty if an algebraic loop then has no solution."""
+        gains = np.sum(self._k, axis=0)
+        loop = np.eye(len(self.inputs)) - gains @ self.d
+        if not self.inputs or np.linalg.cond(loop) > 1e12:
+            return np.zeros(0, np.complex128)
+        return np.linalg.eigvals(self.a + self.b @ np.linalg.solve(loop, gains @ self.c))
 
     def _reach(self, line: float) -> float:
         """A radius that holds all roots right of a line: |s| |x| <= N |x|, element by element."""
@@ -719,12 +728,28 @@ class DelaySystem:
         peak = abs(value) / np.maximum(distance, 1e-300)
         near, least = _lowest(lambda w: abs(1.0 + response(1j * w)), omega, distance)
         top, most = _lowest(lambda w: -abs(1.0 - 1.0 / (1.0 + response(1j * w))), omega, -peak)
-        return Margins(modes.unstable, tuple(crossovers), tuple(real), least, near, -most, top)
+        far = float(np.max(abs(response(1j * omega[-1] * FAR))))
+        return Margins(modes.unstable, tuple(crossovers), tuple(real), least, near, -most, top, far)
+
+    def delay_margin(self, connections: Sequence[str] = (), modes: Modes | None = None) -> DelayMargin:
+        """By how much connections may be later, all by the same delay, before the system is unstable.
+
+        Args:
+            connections: as links name them; all within feedback loops if none is named.
+            modes: what `modes` gave.
+        """
+        names = tuple(connections) or self.loops()
+        modes = modes or self.modes()
+        if modes.unstable or not names:
+            return DelayMargin(names, np.nan if modes.unstable else np.inf, np.nan)
+        found = borne_delay(lambda s: self._opened(names, s), self.frequencies(modes))
+        return DelayMargin(names, *found)
 
     def frequencies(self, modes: Modes | None) -> Array:
         """Frequencies that show all of a loop, shape (k,) [rad/s]."""
-        poles = [*np.linalg.eigvals(self.a), *(one.root for one in modes.modes if modes)] if modes else []
-        sizes = [abs(one) for one in (poles or np.linalg.eigvals(self.a)) if abs(one) > 1e-9]
+        own = np.linalg.eigvals(self.a)
+        poles = [*own, *(one.root for one in modes.modes)] if modes else []
+        sizes = [abs(one) for one in (*(poles or own), *self._undelayed) if abs(one) > 1e-9]
         low, high = (min(sizes), max(sizes)) if sizes else (1.0, 1.0)
         longest = float(self._delays[-1])
         high = max(high, 20.0 / longest if longest else high)

@@ -28,7 +28,7 @@ from .closing import chains_of, closed_system, sources
 from .delay_system import FILTER, DelaySystem, Modes
 from .inner_delays import InnerDelay, inner_delays
 from .late_inputs import MEASURE, acts, find_late_input
-from .margins import Margins
+from .margins import DelayMargin, Margins
 from .measured_part import measured_part
 from .measured_samples import sampled_law, sampling
 from .open_loop import OpenLoop
@@ -107,6 +107,10 @@ class Linearised:
         found = {name: self.system.margins(name, modes) for name in names or self.system.loops()}
         # Loops that are equal to rounding stay in the order of the config.
         return dict(sorted(found.items(), key=lambda item: float(f"{item[1].modulus_margin:.9e}")))
+
+    def delay_margin(self, names: Sequence[str] = ()) -> DelayMargin:
+        """By how much connections may be later all at once; see `DelaySystem.delay_margin`."""
+        return self.system.delay_margin(names)
 
     def roots(self, count: int = 6) -> NDArray[np.complex128]:
         """The rightmost characteristic roots, both of each pair, shape (k,) [rad/s]."""

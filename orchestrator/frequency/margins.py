@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 
 from .refine import minima, zeros
 
-__all__ = ["Crossover", "Margins", "gain_crossovers"]
+__all__ = ["FAR", "Crossover", "DelayMargin", "Margins", "borne_delay", "gain_crossovers"]
 
 Array = NDArray[np.float64]
+# Frequencies over the highest of a grid where what is left of a response is its direct feedthrough.
+FAR = 1e4 * np.linspace(1.0, 2.0, 64)
+# Eigenvalues of one absolute value, as of a loop that is cut twice, cross together.
+_TOGETHER = 1e-6
 Response = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
 
 
@@ -45,6 +49,7 @@ class Margins:
         modulus_margin: least distance of L from -1, and where [rad/s].
         sensitivity_peak, complementary_peak: largest |1/(1 + L)| and |L/(1 + L)|.
         complementary_peak_at: [rad/s].
+        feedthrough: |L| far above all crossovers; from 1 on no delay is borne, however small.
     """
 
     unstable: int
@@ -54,6 +59,7 @@ class Margins:
     modulus_margin_at: float
     complementary_peak: float
     complementary_peak_at: float
+    feedthrough: float = 0.0
 
     @property
     def stable(self) -> bool:
@@ -75,6 +81,8 @@ class Margins:
         """The further delay that a stable loop bears [s]; NaN if it is unstable, infinite if it bears any."""
         if not self.stable:
             return np.nan
+        if self.feedthrough >= 1.0:
+            return 0.0
         return min((one.delay_margin for one in self.crossovers), default=np.inf)
 
     @property
@@ -87,17 +95,70 @@ class Margins:
         )
 
 
-def gain_crossovers(response: Response, omega: Array) -> list[tuple[float, bool]]:
+@dataclass(frozen=True)
+class DelayMargin:
+    """By how much connections may be later, all by the same delay, before the system is unstable.
+
+    Attributes:
+        connections: that are later.
+        delay: of each of them [s]; NaN if the system is unstable, infinite if it bears any.
+        omega: what oscillates there [rad/s]; NaN if nothing does.
+    """
+
+    connections: tuple[str, ...]
+    delay: float
+    omega: float
+
+
+def borne_delay(response: Response, omega: Array) -> tuple[float, float]:
+    """The least delay h > 0 with a root of det(1 + exp(-j w h) L(j w)) = 0, and its w; infinite, NaN without.
+
+    An eigenvalue of L has absolute value 1 there, and h = arg(-eigenvalue)/w.
+
+    Args:
+        response: L(s) at s of shape (k,), shape (k, loops, loops).
+        omega: frequencies that show all of it, shape (n,) [rad/s].
+    """
+
+    def eigenvalues(s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        found = np.linalg.eigvals(response(s))
+        return np.take_along_axis(found, np.argsort(-abs(found), axis=1), 1)
+
+    if np.max(abs(eigenvalues(1j * omega[-1] * FAR))) >= 1.0:
+        return 0.0, np.inf
+    whole = eigenvalues(1j * omega)
+    best = np.inf, np.nan
+    # Ordered by their absolute values, eigenvalues are continuous in these.
+    for place, known in enumerate(whole.T):
+        crossings = gain_crossovers(lambda s, place=place: eigenvalues(s)[:, place], omega, known)
+        for w, _ in crossings:
+            at = eigenvalues(np.array([1j * w]))[0]
+            turns = np.mod(np.angle(-at[abs(abs(at) - 1.0) < _TOGETHER]), 2.0 * np.pi)
+            best = min([best, *((float(turn) / w, w) for turn in turns)])
+        if not crossings:  # those that follow are smaller
+            break
+    return best
+
+
+def gain_crossovers(
+    response: Response, omega: Array, known: NDArray[np.complex128] | None = None
+) -> list[tuple[float, bool]]:
     """Where |response(j w)| = 1 between the given frequencies, and whether it falls there.
 
     Pairs of crossovers closer than two neighbouring frequencies are found where the extremum between them
     shows.
+
+    Args:
+        known: the response at these frequencies; asked for if it is not given.
     """
 
-    def level(w: Array) -> Array:
-        return np.log(np.maximum(np.abs(response(1j * np.asarray(w, np.float64))), 1e-300))
+    def size(values: NDArray[np.complex128]) -> Array:
+        return np.log(np.maximum(np.abs(values), 1e-300))
 
-    values = level(omega)
+    def level(w: Array) -> Array:
+        return size(response(1j * np.asarray(w, np.float64)))
+
+    values = level(omega) if known is None else size(known)
     inner = np.arange(1, len(omega) - 1)
     # Not below only: halfway between two frequencies a peak has the same level at both.
     turning = inner[(values[inner] - values[inner - 1]) * (values[inner + 1] - values[inner]) <= 0.0]

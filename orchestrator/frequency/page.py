@@ -9,6 +9,7 @@ from typing import Any
 from ..base.provenance import origin
 from ..plotting import page as pieces
 from ..plotting.figures import encoded
+from .system_report import later_words
 
 __all__ = ["stability_page"]
 
@@ -92,7 +93,8 @@ def _margins(report: Mapping[str, Any]) -> str:
     text = (
         "The weakest connection first. A dash means that nothing limits it, or that the system is unstable."
     )
-    return pieces.table(columns, rows) + pieces.note(text)
+    later = later_words(report["later"]) if report["later"] is not None else []
+    return pieces.table(columns, rows) + pieces.note(". ".join([*later, text]))
 
 
 def _modes(report: Mapping[str, Any]) -> str:

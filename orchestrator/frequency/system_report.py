@@ -13,15 +13,17 @@ from .delay_system import FILTER, Modes
 from .disk import DiskMargin, disk_margin, sensitivity
 from .from_system import Linearised, linearise
 from .linearity import Unlike, linearity_text, unlike_parts
-from .margins import Margins
+from .margins import DelayMargin, Margins
 from .step_report import step_report, step_text
 
-__all__ = ["system_figures", "system_stability", "system_text"]
+__all__ = ["later_words", "system_figures", "system_stability", "system_text"]
 
 # A root this near to the imaginary axis, relative to its size or to the largest, counts as on it: measured
 # delays are no more exact than that.
 _BORDER = 1e-7
 _MOST_SHOWN = 3
+# Connections that are looked at as later all at once, unless they are named: the time goes with their cube.
+_MOST_LATER = 40
 
 
 def system_stability(
@@ -35,8 +37,9 @@ def system_stability(
             Several are also opened at once.
         linear: what `linearise` gave; made here if it is not.
     Returns: a dict with `verdict`, `modes`, `line`, `margins` (weakest connection first), `together` (of the
-        loops that are opened at once, or None), `sampled` (see `step_report`), `not_linear` (see
-        `unlike_parts`), `point`, `notes`; all but `sampled` without communication steps.
+        loops that are opened at once, or None), `later` (the delay that all of them bear at once, or those of
+        all loops if none is opened; None of fewer than two or very many), `sampled` (see `step_report`),
+        `not_linear` (see `unlike_parts`), `point`, `notes`; all but `sampled` without communication steps.
     Raises: ConfigError with all problems; OrchestratorError if the roots cannot be certified.
     """
     linear = linear or linearise(prepared)
@@ -56,6 +59,8 @@ def system_stability(
             "sensitivity_peak": found.sensitivity_peak,
             "sensitivity_peak_at": found.sensitivity_peak_at,
         }
+    late = names or linear.system.loops()
+    later = linear.system.delay_margin(late, modes) if 1 < len(late) <= _MOST_LATER else None
     unlike = unlike_parts(linear.started(prepared), linear, modes) if linear.start is not None else []
     return {
         "title": prepared.config.model.title or prepared.config.name,
@@ -73,6 +78,7 @@ def system_stability(
         "line": modes.line,
         "margins": {name: {**_margins(one), **_disk(disks[name])} for name, one in margins.items()},
         "together": together,
+        "later": None if later is None else _later(later),
         "sampled": step_report(prepared, linear, modes),
         "not_linear": [vars(one) for one in unlike],
         "point": dict(linear.point),
@@ -128,6 +134,14 @@ def _margins(one: Margins) -> dict[str, Any]:
     }
 
 
+def _later(one: DelayMargin) -> dict[str, Any]:
+    return {
+        "connections": list(one.connections),
+        "delay_margin": _number(one.delay),
+        "omega": _number(one.omega),
+    }
+
+
 def _disk(one: DiskMargin) -> dict[str, Any]:
     stable = bool(np.isfinite(one.margin))
     return {
@@ -159,9 +173,19 @@ def system_text(report: dict[str, Any]) -> str:
     if report["together"] is not None:
         one = report["together"]
         lines.append(f"{len(one['connections'])} loops opened at once: {_disk_in_words(one)}")
+    if report["later"] is not None:
+        lines += later_words(report["later"])
     lines.append(step_text(report["sampled"], not report["verdict"].startswith("unstable")))
     lines += [f"note: {one}" for one in report["notes"]]
     return "\n".join(lines)
+
+
+def later_words(one: dict[str, Any]) -> list[str]:
+    """What connections bear that are later all at once; empty if the system is unstable, or bears any."""
+    if one["delay_margin"] is None:
+        return []
+    text = f"{len(one['connections'])} connections later at once: {_seconds(one['delay_margin'])} each"
+    return [f"{text}, then {one['omega'] / (2.0 * np.pi):.4g} Hz grows" if one["omega"] else text]
 
 
 def _seconds(value: float) -> str:

@@ -1,11 +1,13 @@
 """Margins against python-control and closed forms; critical delays against roots."""
 
+from dataclasses import replace
+
 import control
 import numpy as np
 import pytest
 
 from orchestrator.docking.stability import ContactLoop
-from orchestrator.frequency import DelaySystem, Margins
+from orchestrator.frequency import DelaySystem, Link, Margins
 from orchestrator.frequency.refine import minima, zeros
 
 
@@ -59,6 +61,76 @@ def test_delay_margin_is_where_the_count_changes():
     assert margin == pytest.approx(3e-3, rel=2e-3)
     for factor, unstable in ((0.999, 0), (1.001, 2)):
         assert linear.system.later(name, factor * margin).count_right_of(0.0) == unstable
+
+
+def random_loops(seed, count=3):
+    """A stable system of several late connections that bears a finite delay."""
+    draw = np.random.default_rng(seed)
+    n = 2 * count
+    for _ in range(50):
+        a = draw.normal(size=(n, n)) - 2.5 * np.eye(n)
+        b, c = draw.normal(size=(n, count)), draw.normal(size=(count, n))
+        d = np.zeros((count, count))
+        links = tuple(
+            Link(f"line {target}", source, target, float(draw.normal()), float(delay))
+            for target, delay in enumerate(draw.uniform(0.0, 0.6, count))
+            for source in draw.choice(count, 2, replace=False)
+        )
+        names = [tuple(f"p.{kind}{index}" for index in range(len(d[0]))) for kind in "uy"]
+        system = DelaySystem(a, b, c, d, tuple(f"p.x{index}" for index in range(n)), *names, links)
+        if not system.modes().unstable and np.isfinite(system.delay_margin().delay):
+            return system
+    raise AssertionError("no stable system was drawn")
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_total_delay_margin_is_where_roots_reach_the_axis(seed):
+    system = random_loops(seed)
+    for names in (system.loops(), system.loops()[:2]):
+        found = system.delay_margin(names)
+        if not 0.0 < found.delay < np.inf:
+            continue
+        later = {}
+        for factor in (1e-3, 0.3, 0.999, 1.0, 1.001):
+            later[factor] = system
+            for name in names:
+                later[factor] = later[factor].later(name, factor * found.delay)
+        at = later[1.0].root_near(1j * found.omega)
+        assert abs(at - 1j * found.omega) < 1e-9 * found.omega
+        assert [later[factor].count_right_of(0.0) > 0 for factor in (1e-3, 0.3, 0.999, 1.001)] == [
+            *(3 * [False]),
+            True,
+        ]
+
+
+def test_a_loop_of_two_connections_bears_half_of_its_delay_margin_in_each():
+    plant = DelaySystem.loop(control.tf([2.0], [1.0, 1.0, 0.0]), 0.1)
+    twice = DelaySystem.loop(
+        control.ss([[0.0, 0.0], [0.0, -1.0]], [[1.0, 0.0], [0.0, 2.0]], np.eye(2)[::-1], np.zeros((2, 2))),
+        0.0,
+    )
+    # The first integrates what the second lags; their product is the loop above.
+    links = tuple(one._replace(gain=gain) for one, gain in zip(twice.links, (-1.0, 1.0), strict=True))
+    both = replace(twice, links=links).later("loop[1]", 0.1)
+    one = plant.delay_margin()
+    assert one.delay == pytest.approx(plant.margins("loop").delay_margin, rel=1e-9)
+    assert both.delay_margin().delay == pytest.approx(0.5 * one.delay, rel=1e-9)
+    assert both.delay_margin(["loop[2]"]).delay == pytest.approx(one.delay, rel=1e-9)
+
+
+@pytest.mark.parametrize(("feedthrough", "expected"), [(2.0, 0.0), (1.01, 0.0), (0.5, np.inf)])
+def test_a_loop_with_much_direct_feedthrough_bears_no_delay(feedthrough, expected):
+    """u = -2 u grows as soon as it is late: 1 + L has roots far up, right of the axis."""
+    system = DelaySystem.loop(control.ss([[-1.0]], [[1.0]], [[0.3]], [[feedthrough]]))
+    assert system.modes().stable
+    assert system.margins("loop").delay_margin == system.delay_margin().delay == expected
+
+
+def test_the_crossover_of_a_fast_loop_beside_many_slow_ones_is_found():
+    gains = [*np.linspace(1.0, 2.0, 24), 1e8]
+    zero = np.zeros((25, 25))
+    system = DelaySystem.loop(control.ss(zero, np.diag(gains), np.eye(25), zero))
+    assert system.margins("loop[25]").delay_margin == pytest.approx(np.pi / 2e8, rel=1e-6)
 
 
 def test_active_loop_bears_any_robot_delay_where_estimates_are_right():

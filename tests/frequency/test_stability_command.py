@@ -28,6 +28,8 @@ def test_report_and_figures(tmp_path, capsys):
     assert report["verdict"] == printed.splitlines()[1] == "stable"
     margin = report["margins"]["satellite.position -> robot.command"]["delay_margin"]
     assert margin == pytest.approx(1.3551e-3, abs=5e-8)
+    assert report["later"]["delay_margin"] < margin
+    assert f"later at once: {1e3 * report['later']['delay_margin']:.6g} ms each" in printed
     assert report["sampled"]["master"] == "gauss-seidel"
     assert report["docking"]["growth_with_steps"] == pytest.approx(0.94691, abs=1e-4)
     for name in ("bode", "nyquist", "nichols", "roots", "step", "participation"):
