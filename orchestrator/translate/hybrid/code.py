@@ -9,7 +9,7 @@ from itertools import accumulate
 from ..package import TOKEN_MARK, c_string
 from . import expression as ex
 from .adapted import MARK
-from .dae import Scalar
+from .dae import Action, DaeModel, Scalar
 from .expression import Expr
 from .functions import function_code
 from .matching import Block
@@ -23,7 +23,10 @@ _INFIX = {
     "add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==",
     "ne": "!=", "and": "&&", "or": "||",
 }  # fmt: skip
-_KINDS = {"assert": "ACTION_ASSERT", "warning": "ACTION_WARNING", "terminate": "ACTION_TERMINATE"}
+_KINDS = {
+    "assert": "ACTION_ASSERT", "warning": "ACTION_WARNING", "terminate": "ACTION_TERMINATE",
+    "bound": "ACTION_BOUND",
+}  # fmt: skip
 HISTORY_ROOM = 6 + 8 * 2048  # as in hybrid.h
 _TYPES = {"real": "TYPE_REAL", "boolean": "TYPE_BOOLEAN"}
 
@@ -433,6 +436,12 @@ def _conditions(layout: Layout, writer: _Writer) -> str:
     )  # fmt: skip
 
 
+def _rises(one: Action, model: DaeModel) -> bool:
+    """Whether an action counts at the moment alone at which a condition rises."""
+    by_value = one.value is not None and any(symbol.args[0] == "rise" for symbol in one.value.free)
+    return by_value or (one.trigger is not None and model.conditions[one.trigger].kind != "always")
+
+
 def _active(trigger: int, guard: int | None) -> str:
     return f"h->rise[{trigger}] != 0" + ("" if guard in (None, trigger) else f" && h->c[{guard}] != 0")
 
@@ -488,16 +497,16 @@ def _reinits(layout: Layout, writer: _Writer) -> str:
 def _actions(layout: Layout, writer: _Writer) -> str:
     lines = []
     for number, one in enumerate(_reported(layout.system)):
+        active = "1" if one.trigger is None else _active(one.trigger, one.guard)
         if one.value is not None:
             lines += [
                 "    {",
-                *writer.statements([(f"a[{number}]", ex.logical("not", one.value))], "        "),
+                *writer.statements([("const double holds", one.value)], "        "),
+                f"        a[{number}] = {active} && holds == 0;",
                 "    }",
             ]
-        elif one.kind == "terminate":
-            lines.append(f"    a[{number}] = h->c[{one.guard}] != 0;")
         else:
-            lines.append(f"    a[{number}] = {_active(one.trigger, one.guard)};")
+            lines.append(f"    a[{number}] = {active};")
     return _function("void hybrid_actions(const Hybrid *h, double *a)", lines, "a")
 
 
@@ -552,6 +561,7 @@ def _tables(layout: Layout) -> str:
         _array("int", "settable_starts", (one for _, one, _ in layout.settable)),
         _array("int", "settable_lasts", (one for _, _, one in layout.settable)),
         _array("int", "action_kinds", (_KINDS[one.kind] for one in reported)),
+        _array("int", "action_rises", (int(_rises(one, model)) for one in reported)),
         _array("char *const", "messages", (c_string(one.message) for one in reported)),
     ]
     columns = columns_of(system)
@@ -576,7 +586,7 @@ def _tables(layout: Layout) -> str:
         "instants", len(before), sum(ex.symbol("v", one) in discrete for one in numbers), "pre", "pre_of",
         len(model.discretes), "discretes", len(started), "started",
         "starts", len(layout.settable), "settable", "settable_starts", "settable_lasts", len(reported),
-        layout.warned_slot, "action_kinds", "messages", len(system.constraints),
+        layout.warned_slot, "action_kinds", "action_rises", "messages", len(system.constraints),
         layout.done_slot, layout.size_slot, len(margins_of(model.modes)), "mode_margins",
         layout.use_slot, layout.use_slot + 1, layout.use_slot + 2,
         int(any(ex.symbol("homotopy") in one.free for one in _initial_expressions(system))),

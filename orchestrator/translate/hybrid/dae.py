@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -106,11 +107,16 @@ class Discrete:
 
 @dataclass(frozen=True)
 class Action:
-    """What an event does: reinit of a state, assert, warning or terminate."""
+    """What an event does: reinit of a state, assert, warning or terminate; or "bound", what has to hold.
+
+    Attributes:
+        trigger, guard: conditions at whose rise it counts; None: always.
+        value: of a state; of all others what has to hold, if that is no condition.
+    """
 
     kind: str
-    trigger: int
-    guard: int
+    trigger: int | None
+    guard: int | None
     target: Expr | None = None
     value: Expr | None = None
     message: str = ""
@@ -267,7 +273,9 @@ class _Reader:
         self._subscripts: dict[int, list[Json]] = {}
         self._number_nodes()
         self._depth = 0
-        self._guarded = False
+        # Of the expression that is read: conditions under which it counts, and what it needs to have a value.
+        self._guards: list[Expr] = []
+        self._needs: list[tuple[Expr, str]] = []
         self._roles: dict[Expr, str] = {}
         self._valueless: list[str] = []
 
@@ -328,16 +336,32 @@ class _Reader:
             self.here = variable["declaration"]
             self._complete(variable, places, scalars)
         equations, origins = self._residuals("continuous_equation_operations")
+        self._bind()
         initial, initial_origins = self._residuals("initialization_equation_operations")
+        at_start, self._needs = self._needs, []
         discretes = self._discretes()
         for one in self._s["conditions"]:
             self.here = one.get("provenance", {})
             self._conditions.append(self._condition(one["node"]))
-        self._actions = [self._action(one) for one in self._s["event_actions"]]
+        self._needs = []  # each relation is among the conditions, also where another keeps it from counting
+        triggers = [branch.trigger for one in discretes for branch in one.branches]
+        for number in dict.fromkeys([*triggers, *(one["trigger"] for one in self._s["event_actions"])]):
+            if number is not None:
+                self._need_condition(number)
+        self._bind()
+        for event_action in self._s["event_actions"]:
+            made = self._action(event_action)
+            self._bind(made.trigger, made.guard)
+            self._actions.append(made)
+        if at_start:
+            self._needs, start = at_start, self.add_condition("initial")
+            self._bind(start, start)
         self._clocks = [self._clock(one["kind"]) for one in self._s["clocks"]]
         values: list[tuple[Expr, Expr]] = []
         for owner, section in hidden:
             done = Run(self, owner, section)
+            start = self.add_condition("initial") if section.initial else None
+            self._bind(start, start)
             equations += done.equations
             origins += [Location(section.file, section.line)] * len(done.equations)
             discretes += [Discrete(place, (Branch(value),)) for place, value in done.values]
@@ -364,6 +388,7 @@ class _Reader:
                     break
         for place in reversed(moved):
             del initial[place], initial_origins[place]
+        self._bind()
         instants = [self._ratio(one["instant"]) for one in self._s["time_events"] if "instant" in one]
         expand_derivatives(self._name, scalars, equations)
         for one, place in zip([*equations, *initial], [*origins, *initial_origins], strict=False):
@@ -471,6 +496,7 @@ class _Reader:
             for residual in np.ravel(self._at(one["residual"], {})):
                 target, value = self._solved(residual)
                 found.append(Discrete(target, (Branch(value, trigger, guard),)))
+            self._bind(trigger, guard)
         for one in self._s["discrete_value_owners"]:
             self.here = one.get("provenance", {})
             branches: list[list[Branch]] = []
@@ -483,6 +509,7 @@ class _Reader:
                     for value in self._flat(entry["value"], len(places))
                 ]
                 branches.append([Branch(value, trigger, guard) for value in values])
+                self._bind(trigger, guard)
             for number, target in enumerate(place for places in targets for place in places):
                 found.append(Discrete(target, tuple(one[number] for one in branches)))
         merged: dict[Expr, Discrete] = {}
@@ -540,6 +567,20 @@ class _Reader:
                 return Condition("rise", (content["lhs"], content["rhs"]))
         raise _refuse(self._name, f"a condition of the kind {kind}")
 
+    def _need_condition(self, number: int) -> None:
+        """What a condition that starts a when-clause needs."""
+        kind, operands = self._conditions[number].kind, self._conditions[number].operands
+        if kind == "value":
+            self._condition(self._s["conditions"][number]["node"])
+        elif kind in ("not", "and", "or", "rise"):
+            self._need_condition(operands[0])
+        if kind == "rise":
+            self._need_condition(operands[1])
+        if kind in ("and", "or") and self._conditions[operands[0]].kind == "value":
+            first = self._truth(operands[0])
+            with self.guarded(first if kind == "and" else ex.logical("not", first)):
+                self._need_condition(operands[1])
+
     def _at_the_end(self) -> Condition:
         self._remarks.append(
             "what it does when terminal() is left out: an FMU does not know its end beforehand"
@@ -549,14 +590,14 @@ class _Reader:
     # For algorithm sections
 
     def events_so_far(self) -> tuple[int, ...]:
-        """Numbers of modes, conditions, actions and clocks."""
-        return len(self._modes), len(self._conditions), len(self._actions), len(self._clocks)
+        """Numbers of modes, conditions, actions, clocks and needs."""
+        return tuple(map(len, (self._modes, self._conditions, self._actions, self._clocks, self._needs)))
 
     def forget_events(self, before: tuple[int, ...]) -> None:
         """Drop what has been added since `events_so_far`."""
         for one in self._modes[before[0] :]:
             del self._mode_of[one]
-        held = (self._modes, self._conditions, self._actions, self._clocks)
+        held = (self._modes, self._conditions, self._actions, self._clocks, self._needs)
         for kept, count in zip(held, before, strict=True):
             del kept[count:]
 
@@ -595,8 +636,54 @@ class _Reader:
     def quotient(self, name: str, a: Any, b: Any) -> Any:
         return self._quotient({"builtin": name}, a, b)
 
-    def selected(self, base: np.ndarray, axis: int, chosen: Expr) -> Any:
+    def selected(self, base: np.ndarray, axis: int, chosen: Expr, place: Location) -> Any:
+        self.keep_within(chosen, base.shape[axis], place)
         return self._selected(base, axis, chosen)
+
+    @contextmanager
+    def guarded(self, *conditions: Expr) -> Iterator[None]:
+        """Expressions that are read within count where all these hold."""
+        before = self._guards
+        self._guards = [*before, *conditions]
+        try:
+            yield
+        finally:
+            self._guards = before
+
+    def need(self, holds: Expr, message: str, place: Location | int) -> None:
+        """What has to hold where the expression that is read counts, else the run ends with the message.
+
+        Args:
+            place: of it, or the number of the node.
+        """
+        for guard in self._guards:
+            holds = ex.logical("or", ex.logical("not", guard), holds)
+        if holds is not ex.ONE:
+            found = self._spans(self._provenance[place]) if isinstance(place, int) else place
+            # An FMU's bytes must not depend on the folder that it is built in.
+            head = f"{Path(found.file).name}:{found.line}: " if found else ""
+            self._needs.append((holds, head + message))
+
+    def keep_within(self, chosen: Expr, size: int, place: Location | int) -> None:
+        """A subscript has to be between 1 and a size."""
+        if all(1 <= one <= size for one in _values_of(chosen) or (0,)):
+            return
+        low, high = ex.logical("ge", chosen, ex.ONE), ex.logical("le", chosen, ex.number(size))
+        outside = f"a subscript is outside 1:{size}" if chosen.op != "num" else (
+            f"subscript {chosen.args[0]:g} is outside 1:{size}")  # fmt: skip
+        self.need(ex.logical("and", low, high), outside, place)
+
+    def need_value(self, found: Any, name: str, place: Location | int) -> None:
+        """The results of a function in C have to be numbers."""
+        for one in np.ravel(found)[:1]:
+            holds = ex.logical("not", ex.make("fn:isnan", one))
+            self.need(holds, f"{name}() has no value: an assertion fails, or a subscript is outside", place)
+
+    def _bind(self, trigger: int | None = None, guard: int | None = None) -> None:
+        """Make actions of what the expressions read so far need; it counts at a trigger, or always."""
+        for holds, message in dict.fromkeys(self._needs):
+            self._actions.append(Action("bound", trigger, guard, value=holds, message=message))
+        self._needs = []
 
     def number(self, value: Expr, what: str) -> float:
         return self._number(value, what)
@@ -613,7 +700,7 @@ class _Reader:
         return self.add_condition("clock", len(self._clocks) - 1)
 
     def add_action(
-        self, kind: str, trigger: int, *, target: Expr | None = None, value: Expr | None = None,
+        self, kind: str, trigger: int | None, *, target: Expr | None = None, value: Expr | None = None,
         message: str = "",
     ) -> None:  # fmt: skip
         self._actions.append(Action(kind, trigger, trigger, target, value, message))
@@ -729,16 +816,20 @@ class _Reader:
                     return each(ex.neg, at(content["operand"]))
                 return at(content["operand"])
             case "binary":
-                return self._binary(content["operator"], at(content["lhs"]), at(content["rhs"]))
+                left = at(content["lhs"])
+                if content["operator"] in ("and", "or") and isinstance(left, Expr):
+                    other = left if content["operator"] == "and" else ex.logical("not", left)
+                    with self.guarded(other):
+                        return self._binary(content["operator"], left, at(content["rhs"]))
+                return self._binary(content["operator"], left, at(content["rhs"]))
             case "runtime_quotient_owner":
                 return self._quotient(content, at(content["lhs"]), at(content["rhs"]))
             case "array":
                 return stacked([at(one) for one in operands])
             case "index":
                 base = content["base"]
-                return self._indexed(
-                    self._at(base, self._unbound(base, bound)), self._subscripts[number], bound
-                )
+                array = self._at(base, self._unbound(base, bound))
+                return self._indexed(array, number, bound)
             case "array_update":
                 return self._updated(number, content, bound)
             case "record":
@@ -876,27 +967,29 @@ class _Reader:
 
         return each(one, a, b)
 
-    def _indexed(self, base: Any, subscripts: list[Json], bound: Mapping[Any, Any]) -> Any:
+    def _indexed(self, base: Any, number: int, bound: Mapping[Any, Any]) -> Any:
         places: list[Any] = []
-        for one in subscripts:
+        for one in self._subscripts[number]:
             kind = one["kind"]
             if not isinstance(kind, dict):
                 places.append(slice(None))
                 continue
-            ((sort, number),) = kind.items()
-            chosen = np.asarray(self._at(number, bound), dtype=object)
+            ((sort, subscript),) = kind.items()
+            chosen = np.asarray(self._at(subscript, bound), dtype=object)
+            size = np.shape(base)[len(places)]
             if self._structural(chosen) and any(one.free for one in np.ravel(base)):
                 known = [ex.number(self._number(one, "a subscript")) for one in chosen.ravel()]
                 chosen = np.array(known, dtype=object).reshape(chosen.shape)
             if any(value.op != "num" for value in chosen.ravel()):
                 if chosen.ndim:
                     raise _refuse(self._name, "a vector of subscripts that changes while the model runs")
+                self.keep_within(chosen.item(), size, number)
                 places.append(chosen.item())
                 continue
             numbers = np.vectorize(lambda value: int(value.args[0]) - 1, otypes=[int])(chosen)
-            size = np.shape(base)[len(places)]
             if outside := [int(one) + 1 for one in numbers.ravel() if not 0 <= one < size]:
-                if self._guarded:  # a condition that is known later only keeps it from being read
+                if self._guards:  # a condition that is known later only keeps it from being read
+                    self.keep_within(ex.number(outside[0]), size, number)
                     return ex.number(np.nan)
                 raise BuildError(f"{self._name}: subscript {outside[0]} is outside 1:{size}; keep within it")
             places.append(int(numbers) if sort == "index" and not numbers.shape else numbers.ravel())
@@ -932,6 +1025,11 @@ class _Reader:
             chosen = np.asarray(self._at(next(iter(kind.values())), bound), dtype=object)
             if any(value.op != "num" for value in chosen.ravel()):
                 raise _refuse(self._name, "an assignment to an element whose subscript changes")
+            size = base.shape[len(places)]
+            if not chosen.ndim and not 1 <= chosen.item().args[0] <= size:
+                raise BuildError(
+                    f"{self._name}: subscript {chosen.item().args[0]:g} is outside 1:{size}; keep within it"
+                )
             places.append(int(chosen.item().args[0]) - 1 if not chosen.ndim else None)
         if None in places:
             raise _refuse(self._name, "an assignment to a vector of subscripts")
@@ -940,10 +1038,11 @@ class _Reader:
 
     @staticmethod
     def _selected(base: np.ndarray, axis: int, chosen: Expr) -> Any:
-        """The part of an array at a subscript that is known while the model runs."""
+        """The part of an array at a subscript that is known while the model runs; NaN outside the array."""
         parts = list(np.moveaxis(base, axis, 0))
-        found = parts[-1]
-        for place in range(len(parts) - 2, -1, -1):
+        inside = _values_of(chosen) and all(1 <= one <= len(parts) for one in _values_of(chosen))
+        found = parts.pop() if inside else each(lambda _: ex.number(np.nan), parts[-1])
+        for place in range(len(parts) - 1, -1, -1):
             here = ex.logical("eq", chosen, ex.number(place + 1))
             found = each(partial(ex.conditional, here), parts[place], found)
         return found
@@ -973,7 +1072,7 @@ class _Reader:
     def _conditional(self, operands: list[int], bound: Mapping[Any, Any]) -> Any:
         pairs, otherwise = operands[:-1], operands[-1]
         cases = []
-        guarded = self._guarded
+        passed: list[Expr] = []
         for place in range(0, len(pairs), 2):
             condition = self._one(pairs[place], bound)
             if condition.op == "num":
@@ -981,10 +1080,11 @@ class _Reader:
                     otherwise = pairs[place + 1]
                     break
                 continue
-            self._guarded = True
-            cases.append((condition, self._at(pairs[place + 1], bound)))
-        found = self._at(otherwise, bound)
-        self._guarded = guarded
+            with self.guarded(*passed, condition):
+                cases.append((condition, self._at(pairs[place + 1], bound)))
+            passed.append(ex.logical("not", condition))
+        with self.guarded(*passed):
+            found = self._at(otherwise, bound)
         for condition, value in reversed(cases):
             if isinstance(found, tuple):
                 found = tuple(
@@ -1046,7 +1146,7 @@ class _Reader:
         if function["external"]:
             if function["name"] == DELAY:
                 return self._delayed(*(self._one(one, bound) for one in operands[:2]))
-            return self._external(content["output"], function, operands, bound)
+            return self._external(number, content["output"], function, operands, bound)
         if content.get("derivative"):
             raise _refuse(self._name, f"a derivative of the function {function['name']}()")
         self._depth += 1
@@ -1062,6 +1162,7 @@ class _Reader:
             # Where an assertion fails, the function has no value, and the run ends.
             if (holds := inside.get("holds", ex.ONE)) is ex.ONE:
                 return found
+            self.need(holds, f"an assertion of {function['name']}() fails", number)
             kept = partial(each, lambda one: ex.conditional(holds, one, ex.number(np.nan)))
             return tuple(map(kept, found)) if isinstance(found, tuple) else kept(found)
         except KeyError as error:
@@ -1072,7 +1173,9 @@ class _Reader:
             self._events = before
             self._depth -= 1
 
-    def _external(self, output: int, function: Json, operands: list[int], bound: Mapping[Any, Any]) -> Any:
+    def _external(
+        self, number: int, output: int, function: Json, operands: list[int], bound: Mapping[Any, Any]
+    ) -> Any:
         symbol = function["external"]["symbol"]
         if symbol == CALL and (source := self._functions(function["name"])) is not None:
             before, self._events = self._events, False
@@ -1080,6 +1183,7 @@ class _Reader:
                 found = call(source, self._functions, [self._at(one, bound) for one in operands])[output]
             finally:
                 self._events = before
+            self.need_value(found, function["name"], number)
             return found if found.shape else found.item()
         if not symbol.startswith("ModelicaStandardTables_Combi"):
             return self._native(function, operands, bound)
@@ -1214,6 +1318,16 @@ class _Reader:
                 inside["holds"] = ex.logical("and", inside.get("holds", ex.ONE), holds)
             else:
                 raise _refuse(self._name, f"a statement of the kind {kind} in a function")
+
+
+def _values_of(one: Expr) -> tuple[float, ...]:
+    """All values that a choice between numbers may have; none if it is something else."""
+    if one.op == "num":
+        return (one.args[0],)
+    if one.op != "if":
+        return ()
+    parts = [_values_of(part) for part in one.args[1:]]
+    return tuple(itertools.chain(*parts)) if all(parts) else ()
 
 
 def expand_derivatives(name: str, scalars: list[Scalar], equations: list[Expr]) -> None:

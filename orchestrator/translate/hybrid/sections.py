@@ -17,6 +17,7 @@ import numpy as np
 from orchestrator.base.digests import digest_of
 from orchestrator.base.errors import BuildError
 
+from ..sources import Location
 from . import expression as ex
 from .adapted import MARK, Section
 from .arrays import FUNCTIONS, OPERATORS, REDUCTIONS, STEPS, each, product, stacked
@@ -85,6 +86,7 @@ class Run:
         self._model = model  # the reader of the DAE form
         self._owner = owner
         self._section = section
+        self._here = Location(section.file, section.line)
         self._parser, self._body = _parsed(section)
         self._loops: dict[str, Any] = {}
         self._path: Expr = ex.ONE
@@ -172,6 +174,7 @@ class Run:
             axis = next(k for k, one in enumerate(places) if isinstance(one, Expr))
             if len([one for one in places if isinstance(one, Expr)]) > 1 or values.ndim:
                 raise self._refusal(f"several subscripts of {target[1]} that change while the model runs,")
+            self._model.keep_within(places[axis], base.shape[axis], self._here)
             for k in range(base.shape[axis]):
                 at = tuple(k if one is places[axis] else one for one in places)
                 here = ex.logical("eq", places[axis], ex.number(k + 1))
@@ -198,9 +201,11 @@ class Run:
             return
         yes, no, path = dict(env), dict(env), self._path
         self._path = ex.logical("and", path, condition)
-        self._do(cases[0][1], yes)
+        with self._model.guarded(condition):
+            self._do(cases[0][1], yes)
         self._path = ex.logical("and", path, ex.logical("not", condition))
-        self._branches(cases[1:], otherwise, no)
+        with self._model.guarded(ex.logical("not", condition)):
+            self._branches(cases[1:], otherwise, no)
         self._path = path
         self._merge(condition, yes, no, env)
 
@@ -274,6 +279,7 @@ class Run:
         name = f"loop_{digest_of(body.encode())[:8]}"
         source = FunctionSource(f"{self._section.scope}.{name}", f"function {name} {body} end {name};")
         results = call(source, self._model.function_texts, list(read.values()))
+        self._model.need_value(results[0], f"the loop in {self._section.scope}", self._here)
         for one, result in zip([one for one in read if one in written], results, strict=True):
             number = written[one]
             self._set[number] = np.ones(result.shape, dtype=bool)
@@ -288,7 +294,8 @@ class Run:
             inside = dict(env)
             events = self._model.hold(False)
             self._trigger = number
-            self._do(body, inside)
+            with self._model.guarded(ex.symbol("rise", number)):
+                self._do(body, inside)
             self._trigger = None
             self._model.hold(events)
             found.append((ex.symbol("rise", number), inside))
@@ -331,7 +338,8 @@ class Run:
                 if self._trigger is not None:
                     quiet = ex.logical("not", ex.symbol("rise", self._trigger))
                     holds = ex.logical("or", quiet, holds)
-                self._model.add_action("warning" if warns else "assert", 0, value=holds, message=_text(node))
+                kind = "warning" if warns else "assert"
+                self._model.add_action(kind, None, value=holds, message=_text(node))
             case "terminate":
                 if self._trigger is None or self._path is not ex.ONE:
                     raise self._refusal("terminate() outside a when-statement, or under a condition,")
@@ -448,12 +456,20 @@ class Run:
             case "not":
                 return each(partial(ex.logical, "not"), at(node[1]))
             case "binary":
-                return self._binary(node[1], at(node[2]), at(node[3]))
+                left = at(node[2])
+                if node[1] in ("and", "or") and isinstance(left, Expr):
+                    with self._model.guarded(left if node[1] == "and" else ex.logical("not", left)):
+                        return self._binary(node[1], left, at(node[3]))
+                return self._binary(node[1], left, at(node[3]))
             case "choice":
                 condition = self._scalar(node[1], env)
                 if condition.op == "num":
                     return at(node[2] if condition.args[0] else node[3])
-                return each(partial(ex.conditional, condition), at(node[2]), at(node[3]))
+                with self._model.guarded(condition):
+                    yes = at(node[2])
+                with self._model.guarded(ex.logical("not", condition)):
+                    no = at(node[3])
+                return each(partial(ex.conditional, condition), yes, no)
             case "array":
                 return stacked([at(one) for one in node[1]])
             case "matrix":
@@ -510,7 +526,7 @@ class Run:
         result: Any = base
         for axis in range(len(places) - 1, -1, -1):
             if isinstance(places[axis], Expr):
-                result = self._model.selected(result, axis, places[axis])
+                result = self._model.selected(result, axis, places[axis], self._here)
                 places[axis] = None
         kept = tuple(one for one in places if one is not None)
         return np.asarray(result, dtype=object)[kept] if kept else result
@@ -590,7 +606,9 @@ class Run:
             arguments.append(self._value(node[3][one.name], env))
         if len(arguments) < len(node[2]) + len(node[3]):
             raise self._refusal(f"a call of {node[1]}() with arguments left out")
-        return call(source, self._model.function_texts, arguments)
+        results = call(source, self._model.function_texts, arguments)
+        self._model.need_value(results[0], node[1], self._here)
+        return results
 
 
 def _has_events(node: Any) -> bool:

@@ -37,7 +37,8 @@ typedef struct {
     double *keep, *g; /* g: [MOST_LOOKS + 1][margins] */
     double *held;     /* [states] 1: reinit has set it, and a projection leaves it */
     int *pivot, *pivot_a;
-    int events; /* in close succession */
+    int events;  /* in close succession */
+    int pending; /* outcome of an action at an event, to be reported after it */
 } Work;
 
 static double *part(double *block, size_t *used, size_t n)
@@ -438,6 +439,28 @@ static int reinitialise(Work *w, int *set)
     return status;
 }
 
+/* Actions of what rises now wait until the event is over; asserts go before warnings. */
+static void act(Work *w)
+{
+    const HybridInfo *i = &hybrid_info;
+    if (!i->n_actions) return;
+    hybrid_actions(&w->h, w->keep);
+    for (int k = 0; k < i->n_actions; k++)
+        if (w->keep[k] != 0 && i->action_rises[k] && (!w->pending || i->action_kinds[k] != ACTION_WARNING))
+            w->pending = OUTCOME(ACTION, k);
+}
+
+/* The bound that is broken where equations have no solution, else what is known of that. */
+static int blamed(Work *w, int status)
+{
+    const HybridInfo *i = &hybrid_info;
+    if (status / 1000000 != BLOCK || !i->n_actions) return status;
+    hybrid_actions(&w->h, w->keep);
+    for (int k = 0; k < i->n_actions; k++)
+        if (w->keep[k] != 0 && i->action_kinds[k] == ACTION_BOUND) return OUTCOME(ACTION, k);
+    return status;
+}
+
 /* Repeat an event until nothing changes. */
 static int settle(Work *w)
 {
@@ -452,7 +475,8 @@ static int settle(Work *w)
     history_pass(&w->h);
     for (int round = 0; round < MOST_ROUNDS; round++) {
         int again = 0, status = round_of_event(w, i->blocks, i->n_blocks);
-        if (status) return status;
+        if (status) return blamed(w, status);
+        act(w);
         if ((status = reinitialise(w, &again))) return status;
         for (int k = 0; k < i->n_pre_discrete; k++) again |= differ(z[i->pre_slots[k]], z[i->pre_of[k]]);
         remember(w);
@@ -465,12 +489,16 @@ static int settle(Work *w)
 static int report(Work *w, int everything)
 {
     const HybridInfo *i = &hybrid_info;
-    int warning = 0;
+    int warning = 0, pending = w->pending;
     if (!i->n_actions) return 0;
+    if (pending && (everything || i->action_kinds[pending % 1000000] != ACTION_WARNING)) {
+        w->pending = 0;
+        return pending;
+    }
     conditions(w);
     hybrid_actions(&w->h, w->keep);
     for (int k = 0; k < i->n_actions; k++) {
-        if (w->keep[k] == 0) continue;
+        if (w->keep[k] == 0 || i->action_rises[k]) continue;
         if (i->action_kinds[k] != ACTION_WARNING) return OUTCOME(ACTION, k);
         if (everything && w->h.z[i->warned_slot + k] == 0) {
             w->h.z[i->warned_slot + k] = 1;
@@ -938,8 +966,12 @@ static int initialise(Work *w)
     }
     w->h.homotopy = 1;
     status = round_of_event(w, i->initial_blocks, i->n_initial_blocks);
-    if (status / 1000000 == BLOCK) status += 500000;
+    if (status / 1000000 == BLOCK) {
+        int broken = blamed(w, status);
+        status = broken == status ? status + 500000 : broken;
+    }
     if (!status) {
+        act(w);
         remember(w);
         w->h.initial = 0;
         conditions(w);
@@ -984,7 +1016,7 @@ int step_advance(const StepPoint *at, double *x)
     int status;
     memcpy(x, at->x, (size_t)hybrid_info.n_z * sizeof(double));
     if (!(w = work_for(at, x))) return OUTCOME(MEMORY, 0);
-    status = advance(w, at->time, at->time + at->step_size);
+    status = blamed(w, advance(w, at->time, at->time + at->step_size));
     free_work(w);
     return status;
 }

@@ -37,7 +37,8 @@ typedef struct {
     const int *entries;                   /* entry for each of HybridInfo.rows */
 } HybridFactors;
 
-typedef enum { ACTION_ASSERT, ACTION_WARNING, ACTION_TERMINATE } HybridActionKind;
+/* A bound is what expressions need to have a value, as subscripts within an array. */
+typedef enum { ACTION_ASSERT, ACTION_WARNING, ACTION_TERMINATE, ACTION_BOUND } HybridActionKind;
 
 typedef struct {
     int n_z;
@@ -63,6 +64,7 @@ typedef struct {
     const int *settable_slots, *settable_starts, *settable_lasts;
     int n_actions, warned_slot;
     const int *action_kinds;
+    const int *action_rises;              /* 1: it counts where its condition rises alone */
     const char *const *messages;
     int n_constraints;
     int done_slot, size_slot;             /* 1 after initialisation; internal step size [s] */
