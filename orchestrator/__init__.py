@@ -80,7 +80,8 @@ def run(
     """Run a system, and once more with half the step size, which says how far the numbers can be trusted.
 
     Args:
-        system: name of a bundled system, path of a .yaml, .fmu, .ssp or .ssd file, plain values, a `System`.
+        system: name of a bundled system, path of a .yaml, .fmu, .ssp or .ssd file, a `System`, or a dict with
+            the keys of a config; its plain numbers are in SI units.
         set: values by path, such as {"robot.tau_m": "6 ms", "run.stop_time": 2.0}: texts with a unit, or
             plain numbers in SI units.
         inputs: a CSV file of signals over time: a column `time [s]`, and one for each input that it feeds.
@@ -94,7 +95,7 @@ def run(
     """
     from .simulation.run import run as run_config
 
-    source: Any = system.check() if hasattr(system, "check") else system
+    source: Any = system.check() if hasattr(system, "check") else _source(system)
     if set or inputs is not None or record:
         source = _changed(system, set)
     if inputs is not None or record:
@@ -136,7 +137,8 @@ def sweep(
         store: folder that keeps the runs; runs that it holds are not made again. None: a temporary one.
         jobs: number of processes; None: one per core.
         options: further keys of a study file, such as record="all".
-    Returns: `.to_dataframe()` and `.columns()` give the points with what their runs gave.
+    Returns: `.to_dataframe()` and `.columns()` give the points with what their runs gave: the quantities in
+        `derived`, or the numbers of the summaries if none is named.
     Raises: ConfigError with all problems before the first run.
     """
     from .base.temporary_folders import scratch_folder
@@ -148,8 +150,7 @@ def sweep(
         path: dict(values) if isinstance(values, Mapping) else [numbers.value(path, one) for one in values]
         for path, values in over.items()
     }
-    source: Any = system
-    source = source.data if hasattr(source, "check") else source
+    source = _source(system)
     study: dict[str, Any] = {"system": dict(source) if isinstance(source, Mapping) else str(source)}
     study |= {"design": {"grid": grid}, **options}
     if set:
@@ -159,12 +160,21 @@ def sweep(
     return Study(study).run(scratch_folder("sweep-") if store is None else store, jobs=jobs)
 
 
+def _source(system: Any) -> Any:
+    """A system as files have it: name, path, or plain values with units. Raises: ConfigError."""
+    from .system.si_numbers import in_config_units
+
+    if hasattr(system, "check"):
+        return system.data
+    return in_config_units(system) if isinstance(system, Mapping) else system
+
+
 def _changed(system: Any, changes: Mapping[str, Any] | None) -> Any:
     """The config of a system with values changed. Raises: ConfigError."""
     from .config import load_config
     from .system.si_numbers import SiNumbers
 
-    config = load_config(system.data if hasattr(system, "check") else system)
+    config = load_config(_source(system))
     if not changes:
         return config
     numbers = SiNumbers(config)

@@ -66,6 +66,20 @@ def test_changes_take_texts_and_numbers(result):
     assert np.array_equal(plain["contact.force"], result["contact.force"])
 
 
+def test_plain_values_take_numbers_in_si_units_and_problems_come_together(result):
+    config = orc.load("docking-1d").data
+    config["run"] |= {"step_size": 0.0005, "stop_time": 0.5}
+    config["instances"]["robot"]["start"]["tau_m"] = 0.006
+    plain = orc.run(config, halving=False)
+    assert np.array_equal(plain["contact.force"], result["contact.force"])
+    assert config["run"]["stop_time"] == 0.5
+    config["instances"]["robot"]["fmu"] = "RobotRespons"
+    del config["run"]["master"]
+    with pytest.raises(orc.ConfigError) as raised:
+        orc.run(config)
+    assert "master is missing" in str(raised.value) and "RobotRespons" in str(raised.value)
+
+
 def test_the_summary_has_keys_as_attributes(result):
     summary = result.summary
     assert summary.run.steps == summary["run"]["steps"] > 0
@@ -75,6 +89,7 @@ def test_the_summary_has_keys_as_attributes(result):
     assert pickle.loads(pickle.dumps(summary)) == summary
     assert copy.deepcopy(summary).run.steps == summary.run.steps
     assert "run.steps" in summary._repr_html_()
+    assert "stiffness_estimate" in repr(summary) and "config" not in repr(summary)
     assert "<table>" in result._repr_html_()
     assert "signals" in repr(result)
 
@@ -160,9 +175,10 @@ def test_effects_are_put_on_connections():
         next(iter(system.instances["noise"].outputs)),
         next(iter(system.instances["robot"].inputs)),
     )
-    system.connect(f"noise.{source}", f"robot.{target}", {"delay": "3 ms"})
+    system.connect(f"noise.{source}", f"robot.{target}", {"delay": "3 ms"}, {"low-pass": {"cutoff": 50.0}})
+    through = [{"delay": "3 ms"}, {"low-pass": {"cutoff": "50.0 Hz"}}]
     assert system.data["connections"] == [
-        {"from": f"noise.{source}", "to": f"robot.{target}", "through": [{"delay": "3 ms"}]}
+        {"from": f"noise.{source}", "to": f"robot.{target}", "through": through}
     ]
 
 
@@ -188,6 +204,14 @@ def test_a_sweep_is_a_table(tmp_path):
     pytest.importorskip("pandas")
     frame = swept.to_dataframe()
     assert list(frame["robot.tau_m"]) == [0.002, 0.002, 0.004, 0.004]
+    assert "4 runs made" in repr(swept) and "<th>peak</th>" in swept._repr_html_()
+
+
+def test_a_sweep_without_quantities_has_the_numbers_of_its_summaries(tmp_path):
+    swept = orc.sweep("docking-1d", {"robot.tau_m": [0.002, "4 ms"]}, set=SHORT, jobs=1, step_halving=False)
+    alone = orc.run("docking-1d", set={**SHORT, "robot.tau_m": "4 ms"}, halving=False)
+    assert swept.columns()["stiffness_estimate"][1] == alone.summary.stiffness_estimate
+    assert not any("[" in name for name in swept.columns())
 
 
 def test_an_fmu_is_built_and_run(tmp_path):

@@ -1,17 +1,29 @@
-"""A summary as text for terminals; knows nothing of what is measured."""
+"""Tables for terminals and notebooks, and a summary as text; knows nothing of what is measured."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
 from typing import Any
 
-__all__ = ["OWN", "remarks", "summary_text"]
+__all__ = ["OWN", "html_table", "remarks", "summary_text"]
 
 # Keys of every summary; the others hold what measures found.
 OWN = ("title", "config", "run", "numerics", "parameters", "provenance", "error", "coupling", "notes")
 _MOST_ROWS = 30
 # What a coupling may create of what it exchanges before it is spoken of.
 _CREATED = 0.01
+
+
+def html_table(rows: Iterable[Sequence[Any]], columns: Sequence[str] = ()) -> str:
+    """A table in HTML, for notebooks; numbers have six digits.
+
+    Args:
+        columns: their heads; none: a table without a head.
+    """
+    lines = [*([("th", columns)] if columns else []), *(("td", row) for row in rows)]
+    body = ("".join(f"<{tag}>{escape(_cell(one))}</{tag}>" for one in cells) for tag, cells in lines)
+    return f"<table>{''.join(f'<tr>{one}</tr>' for one in body)}</table>"
 
 
 def summary_text(summary: Mapping[str, Any]) -> str:

@@ -31,6 +31,10 @@ VIEWS = {
 }
 
 
+# Numbers of a summary that say how a run was computed.
+_APART = ("numerics.", "coupling.")
+
+
 class Store:
     """Reads a store, one that is being written, too.
 
@@ -159,6 +163,23 @@ class Store:
             self.database.unregister("_asked")
         made = {name: points.column(name) for name in ("point", "repeat", "run", *about["axes"])}
         return pa.table(made | dict(zip(found.column_names, found.columns, strict=True)))
+
+    def numbers(self, runs: pa.ChunkedArray) -> dict[str, Any]:
+        """Single numbers of the summaries by name, one for each of some runs; not a number where it has none.
+
+        Numbers in lists, of the coupling and of step halving are left out; the view `numbers` holds them.
+        """
+        import numpy as np
+
+        rows: dict[str, list[int]] = {}
+        for row, run in enumerate(runs.to_pylist()):
+            rows.setdefault(run, []).append(row)
+        found: dict[str, Any] = {}
+        for one in self.query("select run, name, value from numbers order by name").to_pylist():
+            if one["run"] in rows and "[" not in one["name"] and not one["name"].startswith(_APART):
+                column = found.setdefault(one["name"], np.full(len(runs), np.nan))
+                column[rows[one["run"]]] = one["value"]
+        return found
 
     def close(self) -> None:
         """Close the database; the store's files are left alone."""

@@ -7,12 +7,14 @@ import secrets
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from ..base.errors import Interrupted, extras_named
 from ..base.provenance import origin, versions
+from ..base.text_tables import html_table
 from ..fmi.workers import Outcome, Pool, Work, pool_of
 from .execute import Task, as_json, begin, execute
 from .software_version import product
@@ -37,9 +39,11 @@ _PACKAGES = (
 )
 # A worker that has grown by so much is replaced: FMUs lose memory, and there may be thousands of runs.
 _GROWTH = 512 << 20
+# Rows that a notebook shows.
+_MOST_ROWS = 30
 
 
-@dataclass
+@dataclass(repr=False)
 class Swept:
     """What a sweep came to.
 
@@ -73,15 +77,36 @@ class Swept:
             return store.table(self.study)
 
     def columns(self) -> dict[str, Any]:
-        """The table as numpy arrays by name; gaps are not a number, or None among texts."""
-        table = self.table
-        return {name: table.column(name).to_numpy(zero_copy_only=False) for name in table.column_names}
+        """The table as numpy arrays by name; gaps are not a number, or None among texts.
+
+        Of a study without derived quantities, the numbers of the summaries stand in it.
+        """
+        from .database import Store
+
+        with extras_named(), Store(self.store) as store:
+            table = store.table(self.study)
+            numbers = {} if store.studies[self.study]["derived"] else store.numbers(table["run"])
+        found = {name: table.column(name).to_numpy(zero_copy_only=False) for name in table.column_names}
+        return found | {name: one for name, one in numbers.items() if name not in found}
 
     def to_dataframe(self) -> Any:
         """The table as a pandas DataFrame. Raises: ImportError if pandas is not installed."""
         import pandas as pd
 
         return pd.DataFrame(self.columns())
+
+    def __repr__(self) -> str:
+        failed = "".join(f"; {count} failed: {kind}" for kind, count in self.failed.items())
+        return (
+            f"sweep of {self.points} points: {self.made} runs made, {self.reused} reused{failed}; "
+            f"{self.seconds:.1f} s; study {self.study} in {self.store}"
+        )
+
+    def _repr_html_(self) -> str:
+        hidden = {"run", *(() if self.failed else ("kind", "message", "halving_error"))}
+        columns = {name: one for name, one in self.columns().items() if name not in hidden}
+        rows = list(zip(*(one.tolist() for one in columns.values()), strict=True))
+        return f"{escape(repr(self))}{html_table(rows[:_MOST_ROWS], list(columns))}"
 
     def data(self) -> dict[str, Any]:
         """Plain values, as --json prints them."""

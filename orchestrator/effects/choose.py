@@ -18,7 +18,7 @@ from ..base.quantities import Measure, infinite_quantity, quantity
 from ..base.units import parse_unit
 from .base import Effect, OfSignal, Pure, per_unit
 
-__all__ = ["Chosen", "create_effect", "effect_file", "effect_names", "effect_schema"]
+__all__ = ["Chosen", "create_effect", "effect_file", "effect_names", "effect_schema", "with_units"]
 
 # Name in configs -> where it lives; imported when asked for. The native loop knows them by their order.
 BUILT_IN = {
@@ -78,6 +78,28 @@ def effect_file(item: Mapping[str, Any]) -> str:
     """The Python file that an entry of `through` takes its effect from; empty if it takes none."""
     file, colon, _ = str(item.get("effect", "")).rpartition(":")
     return file if colon and file.endswith(".py") else ""
+
+
+def with_units(item: Any) -> Any:
+    """An entry of `through` with units for the plain numbers of options that have a unit of their own."""
+    name = next((key for key in item if key in BUILT_IN), "") if isinstance(item, Mapping) else ""
+    if not name:
+        return item
+    kind = built_in(name)
+    units = {
+        key: one.unit
+        for key, field in kind.model_fields.items()
+        for one in field.metadata
+        if isinstance(one, Pure)
+    }
+
+    def written(key: str, value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {inner: written(inner, one) for inner, one in value.items()}
+        plain = isinstance(value, int | float) and not isinstance(value, bool)
+        return f"{value!r} {units[key]}" if plain and key in units else value
+
+    return {key: written(kind.main if key == name else key, value) for key, value in item.items()}
 
 
 def effect_schema() -> dict[str, Any]:

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from ..base.errors import listed, nearest
+from ..base.text_tables import html_table
 from ..config import Config, load_config
 from ..config.files import rebase
 from ..config.text import copied, dump
-from ..fmi import Causality, Variable
+from ..fmi import Causality
 from ..simulation.preparation import Prepared, prepare
-from ..system.si_numbers import SiNumbers
+from ..system.si_numbers import in_config_units
 from .graph_svg import draw_graph
 
 __all__ = ["InstanceView", "ParameterView", "System", "SystemGraph"]
@@ -29,7 +30,8 @@ class ParameterView:
     description: str = ""
 
     def __repr__(self) -> str:
-        return f"{self.value} {self.unit}".strip()
+        value = f"{self.value:.6g}" if isinstance(self.value, float) else str(self.value)
+        return value if self.unit in ("", "1") else f"{value} {self.unit}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -58,8 +60,7 @@ class InstanceView:
         rows = [("parameter", name, repr(one)) for name, one in self.parameters.items()]
         rows += [("input", name, unit) for name, unit in self.inputs.items()]
         rows += [("output", name, unit) for name, unit in self.outputs.items()]
-        body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
-        return f"<b>{escape(self.name)}</b>: {escape(self.model)}<table>{body}</table>"
+        return f"<b>{escape(self.name)}</b>: {escape(self.model)}{html_table(rows)}"
 
 
 class _Instances(Mapping[str, InstanceView]):
@@ -123,14 +124,12 @@ class System:
             title: for figures and reports.
         """
         times = {"step_size": step_size, "stop_time": stop_time, "start_time": start_time}
-        run = {key: _time(value) for key, value in times.items() if value is not None}
+        run: dict[str, Any] = {key: value for key, value in times.items() if value is not None}
         self._data: dict[str, Any] = {"title": title} if title else {}
         self._data["run"] = run | {"master": master if isinstance(master, str) else dict(master)}
         self._data |= {"instances": {}, "connections": []}
         self._prepared: Prepared | None = None
         self._config: Config | None = None
-        # Start values that are plain numbers, in SI units, until the FMUs are looked at.
-        self._numbers: list[tuple[str, str]] = []
 
     @classmethod
     def of(cls, source: str | Path | Mapping[str, Any] | Config) -> System:
@@ -162,10 +161,9 @@ class System:
         """
         instance: dict[str, Any] = {"fmu": str(fmu)}
         if step_size is not None:
-            instance["step_size"] = _time(step_size)
+            instance["step_size"] = step_size
         if start:
             instance["start"] = dict(start)
-            self._numbers += [(name, key) for key, one in start.items() if not isinstance(one, str)]
         return self._changed("instances", name, instance)
 
     def connect(self, source: str | Sequence[Any], target: str, *through: Mapping[str, Any]) -> System:
@@ -174,7 +172,7 @@ class System:
         Args:
             source: "instance.output", or several, which are added.
             target: "instance.input".
-            through: effects on the way, such as {"delay": "3 ms"}.
+            through: effects on the way, such as {"delay": "3 ms"} or {"delay": 0.003}.
         Returns: the system itself.
         """
         plain = isinstance(source, str) and not through
@@ -194,13 +192,7 @@ class System:
     @property
     def data(self) -> dict[str, Any]:
         """The config as plain values, a copy. Raises: ConfigError if it has not the form of one."""
-        if self._numbers:
-            numbers = SiNumbers(load_config(self._data))
-            for name, key in self._numbers:
-                start = self._data["instances"][name]["start"]
-                start[key] = numbers.start(name, key, start[key])
-            self._numbers = []
-        return copied(self._data)
+        return in_config_units(self._data) if self._config is None else copied(self._data)
 
     def check(self) -> Prepared:
         """Check config, FMUs, connections, master and times. Raises: ConfigError with all problems."""
@@ -241,16 +233,9 @@ class System:
         return f"{title}: {kinds or 'no instances'}; {len(self._data.get('connections', ()))} connections"
 
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><td>{escape(name)}</td><td>{escape(str(one['fmu']))}</td></tr>"
-            for name, one in self._data.get("instances", {}).items()
-        )
+        rows = html_table((name, one["fmu"]) for name, one in self._data.get("instances", {}).items())
         links = "".join(f"<li>{escape(str(one))}</li>" for one in self._data.get("connections", ()))
-        return f"<b>{escape(self._data.get('title') or 'System')}</b><table>{rows}</table><ul>{links}</ul>"
-
-
-def _time(value: str | float) -> str:
-    return value if isinstance(value, str) else f"{value!r} s"
+        return f"<b>{escape(self._data.get('title') or 'System')}</b>{rows}<ul>{links}</ul>"
 
 
 def _view(instance: Any) -> InstanceView:
@@ -264,7 +249,8 @@ def _view(instance: Any) -> InstanceView:
             variable.causality in (Causality.PARAMETER, Causality.STRUCTURAL_PARAMETER)
             or name in instance.start
         ):
-            parameters[name] = _parameter(variable, instance.start.get(name, variable.start))
+            value = instance.start.get(name, variable.start)
+            parameters[name] = ParameterView(value, variable.unit_name, variable.description)
     return InstanceView(
         instance.name,
         description.name,
@@ -273,7 +259,3 @@ def _view(instance: Any) -> InstanceView:
         ports[Causality.INPUT],
         ports[Causality.OUTPUT],
     )
-
-
-def _parameter(variable: Variable, value: Any) -> ParameterView:
-    return ParameterView(value, variable.unit_name, variable.description)

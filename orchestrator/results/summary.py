@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from html import escape
 from typing import Any
 
 from ..base.errors import listed, nearest
+from ..base.text_tables import html_table
 
 __all__ = ["Summary"]
 
@@ -14,7 +14,7 @@ __all__ = ["Summary"]
 class Summary(dict[str, Any]):
     """Numbers and texts of a run by name, as in summary.json: `summary["run"]["steps"]`, `summary.run.steps`.
 
-    What is nested is a `Summary` itself. In a notebook it is a table.
+    What is nested is a `Summary` itself. It prints as a table, without config, parameters and provenance.
     """
 
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
@@ -44,13 +44,18 @@ class Summary(dict[str, Any]):
             else:
                 yield key, value
 
+    def __repr__(self) -> str:
+        rows = self._shown()
+        width = max((len(name) for name, _ in rows), default=0)
+        return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
+
     def _repr_html_(self) -> str:
+        return html_table(self._shown(), ("name", "value"))
+
+    def _shown(self) -> list[tuple[str, str]]:
         hidden = ("config", "parameters", "provenance")
-        rows = "".join(
-            f"<tr><td>{escape(name)}</td><td>{escape(_short(value))}</td></tr>"
-            for name, value in Summary({k: v for k, v in self.items() if k not in hidden}).flat()
-        )
-        return f"<table><tr><th>name</th><th>value</th></tr>{rows}</table>"
+        shown = Summary({key: value for key, value in self.items() if key not in hidden})
+        return [(name, _short(value)) for name, value in shown.flat() if value != ""]
 
 
 def _nested(value: Any) -> Any:
@@ -62,5 +67,7 @@ def _nested(value: Any) -> Any:
 def _short(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
+    if isinstance(value, list) and value and isinstance(value[0], Summary):
+        return f"{len(value)} rows: {', '.join(value[0])}"
     text = str(value)
     return text if len(text) <= 80 else f"{text[:77]}..."

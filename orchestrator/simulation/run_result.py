@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..base.errors import OrchestratorError
+from ..base.text_tables import html_table
 from ..fmi import Array
 from ..results.recorders import Results, read_results
 from ..results.signal import Signal
@@ -97,10 +97,7 @@ class RunResult:
         return "\n".join(f"{name}: {value}" for name, value in self._lines())
 
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>" for name, value in self._lines()
-        )
-        return f"<table>{rows}</table>"
+        return html_table(self._lines())
 
     def _lines(self) -> list[tuple[str, str]]:
         run = self.summary.get("run") or {}

@@ -9,15 +9,47 @@ from math import isfinite
 from typing import Any
 
 from ..base.units import ONE
-from ..config import Config, Draft
+from ..config import Config, Draft, read_config
 from ..config.overrides import override_path
-from ..config.text import flow
+from ..config.text import copied, flow
+from ..effects.choose import with_units
 from ..fmi import Variable
 from .instance_models import parts_of
 
-__all__ = ["SiNumbers"]
+__all__ = ["SiNumbers", "in_config_units"]
 
 _TIMES = ("start_time", "stop_time", "step_size")
+
+
+def in_config_units(source: Mapping[str, Any]) -> dict[str, Any]:
+    """A config from Python code, whose plain numbers are in SI units, as a config file has it.
+
+    Times, start values and options of effects receive their units. What has not the form of a config stays
+    as it is: reading the config reports it.
+    Raises: ConfigError if it cannot be read.
+    """
+    data = copied(source)
+    instances = data.get("instances")
+    parts = {"": data.get("run"), **(instances if isinstance(instances, dict) else {})}
+    for part in parts.values():
+        for name in _TIMES if isinstance(part, dict) else ():
+            if _is_number(part.get(name)):
+                part[name] = f"{part[name]!r} s"
+    for link in data.get("connections") or ():
+        if isinstance(link, dict) and isinstance(link.get("through"), list):
+            link["through"] = [with_units(one) for one in link["through"]]
+    starts = {name: part["start"] for name, part in parts.items() if name and _has_numbers(part)}
+    config = read_config(data).config if starts else None
+    if config is not None:
+        numbers = SiNumbers(config)
+        for name, start in starts.items():
+            start.update({key: numbers.start(name, key, one) for key, one in start.items()})
+    return data
+
+
+def _has_numbers(part: Any) -> bool:
+    start = part.get("start") if isinstance(part, dict) else None
+    return isinstance(start, dict) and not all(isinstance(one, str) for one in start.values())
 
 
 class SiNumbers:
