@@ -211,7 +211,7 @@ def linearise(
 
 
 def build(
-    model_file: Path | str,
+    model_file: Path | str | Any,
     output: Path | str | None = None,
     *,
     model: str | None = None,
@@ -219,12 +219,14 @@ def build(
     platforms: Sequence[str] = (),
     libraries: Sequence[Path | str] = (),
 ) -> BuildReport:
-    """Make an FMU from a Modelica file.
+    """Make an FMU from a Modelica file, or from a linear system of python-control or scipy.
 
     Args:
-        model_file: a .mo file.
+        model_file: a .mo file; or a StateSpace or TransferFunction of python-control, or a linear system of
+            scipy.signal. Its inputs are u or u1, u2, outputs y or y1, y2, states x1, x2, or as its labels
+            say.
         output: the FMU; by default the model's name in the working directory.
-        model: qualified name, where the file holds several.
+        model: qualified name, where the file holds several; of a linear system the name that it gets.
         fmi_version: "2.0" or "3.0".
         platforms: such as ("linux64", "win64"); by default this machine's.
         libraries: folders with further Modelica libraries, beside those of MODELICAPATH.
@@ -234,11 +236,16 @@ def build(
     from pathlib import Path
 
     from .translate.build import build as build_model
+    from .translate.linear_model import build_linear, is_linear
     from .translate.package import named_platforms, this_platform
 
+    chosen = named_platforms(platforms) if platforms else (this_platform(),)
+    if is_linear(model_file):
+        name = model or "LinearSystem"
+        target = Path(output or f"{name}.fmu")
+        return build_linear(model_file, target, name, fmi_version=fmi_version, platforms=chosen)
     file = Path(model_file)
     made = Path(output) if output is not None else Path(f"{(model or file.stem).rpartition('.')[2]}.fmu")
-    chosen = named_platforms(platforms) if platforms else (this_platform(),)
     folders = [Path(one) for one in libraries]
     return build_model(file, made, model=model, fmi_version=fmi_version, platforms=chosen, libraries=folders)
 

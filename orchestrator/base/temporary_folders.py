@@ -14,11 +14,13 @@ from time import time
 
 from .folder_lock import NAME, take
 
-__all__ = ["cache_folder", "remove_scratch", "scratch_folder", "scratch_root"]
+__all__ = ["cache_folder", "keep_last_used", "remove_scratch", "scratch_folder", "scratch_root"]
 
 _PREFIX = "orchestrator-"
 # A folder without a lock is being made, or its maker was killed meanwhile: that is not this young [s].
 _YOUNG = 3600.0
+# A kept folder that was used later than this ago may be in use [s].
+_IN_USE = 3600.0
 # Threads would each make one.
 _ONE_AT_A_TIME = threading.Lock()
 
@@ -42,6 +44,17 @@ def cache_folder(name: str) -> Path:
     """Where this machine keeps files of a kind between runs, for this user; may not exist yet."""
     base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
     return (Path(base) if base else Path.home() / ".cache") / "orchestrator" / name
+
+
+def keep_last_used(folder: Path, most: int) -> None:
+    """Remove all folders within one but those used last; one that a build may still read stays."""
+    found = {}
+    for one in folder.iterdir():
+        with suppress(OSError):
+            found[one] = one.stat().st_mtime
+    for one in sorted(found, key=found.__getitem__, reverse=True)[most:]:
+        if time() - found[one] > _IN_USE:
+            shutil.rmtree(one, ignore_errors=True)
 
 
 def remove_scratch() -> None:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base import graph
 from ..base.errors import ConfigError, OrchestratorError, Problem, listed, nearest
+from ..translate.linear_model import as_state_space
 from .margins import FAR, Crossover, DelayMargin, Margins, borne_delay, gain_crossovers
 from .refine import minima, zeros
 from .statespace import differentiation
@@ -150,12 +151,7 @@ class DelaySystem:
             name: of the connection; of several "name[1]" and so on.
         Raises: ConfigError if the system is discrete or has other ports, or the delay is negative.
         """
-        import control
-
-        if hasattr(system, "to_ss") and not isinstance(system, control.TransferFunction | control.StateSpace):
-            scipy_one = system.to_ss()
-            system = control.ss(scipy_one.A, scipy_one.B, scipy_one.C, scipy_one.D, scipy_one.dt or 0)
-        space = control.ss(system)
+        space = as_state_space(system, name)
         problems = []
         if space.isdtime(strict=True) or space.ninputs != space.noutputs:
             what = f"it has {space.ninputs} inputs, {space.noutputs} outputs and dt = {space.dt}"

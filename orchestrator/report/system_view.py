@@ -16,6 +16,7 @@ from ..config.text import copied, dump
 from ..fmi import Causality
 from ..simulation.preparation import Prepared, prepare
 from ..system.si_numbers import in_config_units
+from ..translate.linear_model import is_linear, kept_fmu
 from .graph_svg import draw_graph
 
 __all__ = ["InstanceView", "ParameterView", "System", "SystemGraph"]
@@ -147,19 +148,25 @@ class System:
         return system
 
     def add(
-        self, name: str, fmu: str | Path, *, step_size: str | float | None = None, **start: Any
+        self, name: str, fmu: str | Path | Any, *, step_size: str | float | None = None, **start: Any
     ) -> System:
         """Add an instance.
 
         Args:
             name: of the instance.
-            fmu: name of a bundled FMU, or path of a .fmu or .csv file.
+            fmu: name of a bundled FMU, or path of a .fmu or .csv file; or a linear system of python-control
+                or scipy, of which an FMU is built and kept in this user's cache. See `orchestrator.build`.
             step_size: its own step size; None: the system's.
             start: parameters and start values: plain numbers in SI units, or texts with a unit. Names that
                 Python cannot take as keywords can be given as `**{"x[1]": 2.0}`.
         Returns: the system itself.
+        Raises: ConfigError, BuildError for a linear system of which no FMU can be built.
         """
-        instance: dict[str, Any] = {"fmu": str(fmu)}
+        instance: dict[str, Any] = {}
+        if is_linear(fmu):
+            fmu, feedthrough = kept_fmu(fmu)
+            instance |= {"feedthrough": feedthrough} if feedthrough else {}
+        instance["fmu"] = str(fmu)
         if step_size is not None:
             instance["step_size"] = step_size
         if start:

@@ -6,9 +6,7 @@ import contextlib
 import json
 import os
 import re
-import shutil
 import tempfile
-import time
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -16,7 +14,7 @@ from typing import Any
 
 from orchestrator.base.digests import digest_of, file_digest
 from orchestrator.base.errors import BuildError
-from orchestrator.base.temporary_folders import cache_folder
+from orchestrator.base.temporary_folders import cache_folder, keep_last_used
 
 from ..compiler import TIME_LIMIT, compile_model
 from ..complaints import CompilerRefusal, explained
@@ -92,7 +90,6 @@ def flat_form(
 _answers: dict[tuple[object, ...], tuple[dict[str, Any], Spans]] = {}
 _MOST_ANSWERS = 4
 _MOST_COPIES = 4  # of libraries, each of some 26 MB
-_IN_USE = 3600.0  # [s]
 _TRANSACTIONS = "model_event_transactions"  # algorithms whose statements depend on each other at an event
 _SECTIONS = "sections.json"  # of the copy of a library
 
@@ -263,22 +260,11 @@ def _adapted_library(library: Path, functions: bool, sections: Sections | None) 
                 (Path(scratch) / "root").rename(kept)
     with contextlib.suppress(OSError):
         os.utime(kept)
-    _remove_copies(kept.parent)
+    keep_last_used(kept.parent, _MOST_COPIES)
     if sections is not None:
         told = json.loads((kept / _SECTIONS).read_text())
         sections.update({key: Section(**one) for key, one in told.items()})
     return kept, objects
-
-
-def _remove_copies(folder: Path) -> None:
-    """Remove all copies of libraries but those used last; one of this age no build reads any more."""
-    copies = {}
-    for one in folder.iterdir():
-        with contextlib.suppress(OSError):
-            copies[one] = one.stat().st_mtime
-    for one in sorted(copies, key=copies.__getitem__, reverse=True)[_MOST_COPIES:]:
-        if time.time() - copies[one] > _IN_USE:
-            shutil.rmtree(one, ignore_errors=True)
 
 
 class FunctionTexts:
