@@ -6,7 +6,7 @@ import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
@@ -160,30 +160,43 @@ def illustrating(tree: SourceTree | None) -> Iterator[None]:
 def _translated(
     tree: SourceTree, model: str | None, fmi_version: str, libraries: Sequence[Path]
 ) -> tuple[dict[str, bytes], TranslationReport]:
+    from .audit import experiment
     from .hybrid.build import counted, translate_hybrid
     from .hybrid.front_end import adapts, libraries_used, library_paths
+    from .stiffness import explicit_steps
 
     name = tree.model_name(model)
     folders = library_paths(libraries)
+    identifier = model_identifier(name)
     try:
-        return _explicit(tree, name, fmi_version)
+        program, checked = explicit_program(tree, name)
     except BuildError as refusal:
         if not other_route(refusal, bool(folders) or adapts(tree)):
             raise (
                 counted(tree, name, folders, refusal) if isinstance(refusal, CompilerRefusal) else refusal
             ) from None
         try:
-            identifier = model_identifier(name)
             members, counts, notes = translate_hybrid(tree, name, identifier, fmi_version, folders)
         except BuildError as error:
             raise BuildError(in_file(tree, error)) from None
         remarks = [text for one in libraries_used(tree, folders) for text in library_texts(one)[1]]
         return members, TranslationReport(name, counts, (*tree.remarks, *remarks, *notes))
+    stop = experiment(tree.classes[name]).get("StopTime", 1.0)
+    if steps := explicit_steps(program, stop):
+        try:
+            members, counts, notes = translate_hybrid(tree, name, identifier, fmi_version, folders)
+        except BuildError as error:
+            stiff = f"stiff: {steps:.1g} steps in {stop:g} s, since it has no implicit method: {error}"
+            members, report = _explicit(tree, name, fmi_version, program, checked)
+            return members, replace(report, notes=(*report.notes, stiff))
+        stiff = f"stiff: an implicit method replaces {steps:.1g} explicit steps in {stop:g} s"
+        return members, TranslationReport(name, counts, (*tree.remarks, stiff, *notes))
+    return _explicit(tree, name, fmi_version, program, checked)
 
 
 # Of refusals by the explicit route those that say what it lacks; all others name a mistake of the model.
 _LACKS = re.compile(
-    r"^(?!.*(the compiler |expressions of kind (?!Tuple))).*(?<!which are )not supported"
+    r"^(?!.*(the compiler |expressions of kind (?!Tuple|Array))).*(?<!which are )not supported"
     r"|fixed=false, which needs|has fixed=true but is no state|only Real, Integer and Boolean"
     r"|a subscript or size has to be"
 )
@@ -227,10 +240,10 @@ def explicit_program(tree: SourceTree, name: str) -> tuple[Program, CheckReport]
         ) from None
 
 
-def _explicit(tree: SourceTree, name: str, fmi_version: str) -> tuple[dict[str, bytes], TranslationReport]:
-    """The route for explicit differential equations with delays. Raises: BuildError."""
-    program, checked = explicit_program(tree, name)
-
+def _explicit(
+    tree: SourceTree, name: str, fmi_version: str, program: Program, checked: CheckReport
+) -> tuple[dict[str, bytes], TranslationReport]:
+    """The route for explicit differential equations with delays."""
     from .description import describe
     from .documents import model_sections, sources_used
     from .generate import generate_c, variable_table
