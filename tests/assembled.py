@@ -10,7 +10,7 @@ import pytest
 
 from orchestrator.base.errors import ConfigError, Problem
 from orchestrator.config import Absent, BondModel, ConnectionModel, Gaps, Places
-from orchestrator.system.assembly import Judged, Part, assemble_parts
+from orchestrator.system.assembly import Part, assemble_parts
 from orchestrator.system.system import System
 
 
@@ -30,9 +30,7 @@ def assemble(
     keep: bool = True,
 ) -> System:
     """As `assemble_parts`; `problems` were found earlier. Raises: ConfigError with all problems."""
-    judged = Judged(problems=list(problems))
-    assemble_parts(
-        judged,
+    judged = assemble_parts(
         list(parts),
         connections,
         record=None if record is None else {one: ("run", "record", n) for n, one in enumerate(record)},
@@ -46,7 +44,9 @@ def assemble(
         gaps=Gaps(),
         keep=keep,
     )
-    return judged.sound()
+    if found := [*problems, *judged.problems]:
+        raise ConfigError(found, judged.unchecked)
+    return judged.system
 
 
 def refusal(parts, connections=(), **options) -> str:

@@ -198,6 +198,7 @@ def test_a_sweep_is_a_table(tmp_path):
         derived={"peak": "max(abs(contact.force))"},
         store=tmp_path / "store",
         jobs=1,
+        step_halving=False,
     )
     columns = swept.columns()
     assert len(columns["peak"]) == 4 and np.all(columns["peak"] > 0.0)

@@ -72,7 +72,6 @@ class Draft:
 def load_config(
     source: str | pathlib.Path | Mapping[str, Any] | Config,
     overrides: Iterable[str] = (),
-    folder: pathlib.Path | None = None,
 ) -> Config:
     """Read and check a config.
 
@@ -80,11 +79,9 @@ def load_config(
         source: name of a bundled system or FMU, path of a YAML, .fmu, .ssp or .ssd file, plain values, or a
             config to be changed.
         overrides: changes such as "robot.tau_m=6 ms", "run.step_size=50 us" or "measures.docking.robot=a".
-        folder: where they were written, from which relative paths in them start; None: the working directory.
-            Files that are not there are looked for in the config's own.
     Raises: ConfigError with all problems.
     """
-    draft = read_config(source, overrides, folder)
+    draft = read_config(source, overrides)
     if draft.problems or draft.config is None:
         raise ConfigError(draft.problems, draft.unchecked)
     return draft.config
@@ -96,6 +93,10 @@ def read_config(
     folder: pathlib.Path | None = None,
 ) -> Draft:
     """Read a config as far as it can be read; see `load_config`.
+
+    Args:
+        folder: where the overrides were written, from which relative paths in them start; None: the working
+            directory. Files that are not there are looked for in the config's own.
 
     Raises: ConfigError if nothing of it can.
     """

@@ -42,6 +42,8 @@ Complex = NDArray[np.complex128]
 _OFF, _ACTIVE = 1, 3
 # How deep the rod stands in its frame [m]: the law of the contact is linear at any depth.
 _DEPTH = 5e-3
+# Characteristic roots that a contact is made of.
+_ROOTS = 6
 # A change of the velocity per contact that counts as none: the roots of a loop that is compensated exactly
 # lie within rounding of the imaginary axis, on either side.
 _BORDER = 1e-5
@@ -256,7 +258,7 @@ class Contact:
         return self.velocity_ratio**2
 
 
-def predict_contact(loop: ContactLoop, count: int = 6) -> Contact:
+def predict_contact(loop: ContactLoop) -> Contact:
     """The contact that follows a steady approach.
 
     Until the rod touches, it follows the satellite at the lag T = tau_m + 2 xi_n/omega_n. From then on the
@@ -269,7 +271,6 @@ def predict_contact(loop: ContactLoop, count: int = 6) -> Contact:
 
     F(0) being the impulse of an endless contact, whatever the number of roots.
 
-    Args: count: of roots.
     Raises: OrchestratorError if the contact does not end.
     """
     system, options, parameters = loop.linear.system, loop.options, loop.parameters
@@ -303,7 +304,7 @@ def predict_contact(loop: ContactLoop, count: int = 6) -> Contact:
     def arriving(s: Complex) -> Complex:
         return source(s) / (1.0 + system.response(back, s))
 
-    found = [one.root for one in loop.linear.modes(count).modes]
+    found = [one.root for one in loop.linear.modes(_ROOTS).modes]
     roots = np.array([z for one in found for z in ([one] if one.imag == 0.0 else [one, one.conjugate()])])
     # The controller's filter without a time constant stands far beyond all that moves.
     roots = roots[(abs(roots) > 1e-6) & (abs(roots) < 1e6)]

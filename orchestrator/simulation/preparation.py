@@ -116,7 +116,6 @@ def judge(
     problems += judged.problems
     unchecked += judged.unchecked
     problems += _steps(draft, judged, master, unchecked)
-    assert judged.system is not None
     prepared = None
     if not problems and master is not None and grid is not None:
         prepared = Prepared(draft.config, judged.system, master, grid, tuple(measures))
@@ -148,7 +147,7 @@ def _steps(
     draft: Draft, judged: Judged, master: MasterAlgorithm | None, unchecked: list[str]
 ) -> list[Problem]:
     """What instances cannot do of the steps that they are to take, and what else the master asks for."""
-    assert draft.config is not None and judged.system is not None
+    assert draft.config is not None
     places, system = draft.config.places, judged.system
     settled = [one for one in system.instances if one.name not in judged.unsettled]
     problems = [] if master is None else master.check(system, places)

@@ -1,16 +1,13 @@
-"""Configured instances and connections -> a system.
-
-Everything that can be known before a run is checked here, and all problems are reported at once.
-"""
+"""Configured instances and connections -> a checked system, and all problems known before a run."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..base.errors import ConfigError, Problem, listed
+from ..base.errors import Problem, listed
 from ..config import Absent, BondModel, ConnectionModel, Draft, Gaps, Places
 from ..config.base import exact_time
 from ..fmi import Kind, ModelDescription, Variable
@@ -27,27 +24,21 @@ from .system import Instance, System
 __all__ = ["Judged", "Part", "assemble_parts", "judge_system"]
 
 
-@dataclass
+@dataclass(frozen=True)
 class Judged:
     """A system as far as nothing is wrong with it.
 
     Attributes:
-        system: without what has problems; None before it is made.
+        system: without what has problems.
         problems: what is wrong.
         unchecked: see `ConfigError`.
         unsettled: instances whose steps, or what their FMUs are asked for, are not known.
     """
 
-    system: System | None = None
-    problems: list[Problem] = field(default_factory=list)
-    unchecked: list[str] = field(default_factory=list)
+    system: System
+    problems: tuple[Problem, ...]
+    unchecked: tuple[str, ...]
     unsettled: frozenset[str] = frozenset()
-
-    def sound(self) -> System:
-        """The system. Raises: ConfigError with all problems."""
-        if self.problems or self.system is None:
-            raise ConfigError(self.problems, self.unchecked)
-        return self.system
 
 
 def judge_system(
@@ -63,19 +54,16 @@ def judge_system(
     """
     config, gaps = draft.config, draft.gaps
     assert config is not None
-    model, problems = config.model, list[Problem]()
-    made = parts_of(draft, problems)
+    model, made = config.model, parts_of(draft)
     asked = ("step_size", "any_step", "interface", "event_mode", "isolate")
     unsettled = {
         part.name for part in made.parts if not all(gaps.whole("instances", part.name, key) for key in asked)
     }
-    judged = Judged(problems=problems, unsettled=made.unsettled | unsettled)
-    if made.absent.names:
-        judged.unchecked.append(f"ports and start values of {listed(sorted(made.absent.names))}")
+    missing = sorted(made.absent.names)
+    unchecked = (f"ports and start values of {listed(missing)}",) if missing else ()
     record = [] if model.run.record == "all" else list(model.run.record)
     known = gaps.knows("run", "step_size")
-    assemble_parts(
-        judged,
+    judged = assemble_parts(
         made.parts,
         model.connections,
         record=None
@@ -91,11 +79,15 @@ def judge_system(
         gaps=gaps,
         keep=model.run.unconnected == "keep",
     )
-    return judged
+    return Judged(
+        judged.system,
+        (*made.problems, *judged.problems),
+        (*unchecked, *judged.unchecked),
+        made.unsettled | unsettled,
+    )
 
 
 def assemble_parts(
-    judged: Judged,
     parts: Sequence[Part],
     connections: Iterable[str | ConnectionModel | Mapping[str, Any] | None],
     *,
@@ -109,11 +101,10 @@ def assemble_parts(
     bonds: Sequence[BondModel | None] | None,
     gaps: Gaps,
     keep: bool = True,
-) -> None:
+) -> Judged:
     """Check parts and connections, and make a system of what is right.
 
     Args:
-        judged: what is found, and the system, is put here.
         parts: instances with distinct names.
         connections: "a.y -> b.u" each, or the long form, {"from": "a.y", "to": "b.u", "through": [...]}.
         record: signals to record as instance.variable, and where each was asked for; None: every numeric
@@ -128,10 +119,10 @@ def assemble_parts(
         gaps: what of connections (None: all), start values and dependencies is not known.
         keep: whether inputs that nothing feeds keep the start value that their FMU declares.
     """
-    found, notes = judged.problems, list[str]()
+    found, notes, unchecked = list[Problem](), list[str](), list[str]()
     descriptions = {part.name: part.fmu.description for part in parts}
     starts = {one.name: elementwise(one.name, one.fmu.description, one.start, places, found) for one in parts}
-    stated, single, fed = _stated(connections, descriptions, judged, places, absent, gaps)
+    stated, single, fed = _stated(connections, descriptions, found, unchecked, places, absent, gaps)
     wired: dict[Port, tuple[int, Port]] = {}
     checked: list[Connection] = []
     reported: set[Problem] = set()
@@ -175,14 +166,14 @@ def assemble_parts(
     rounds = algebraic_loops(sure, passing, places, loops, found, step_size)
     notes += rounds.notes
     if unread or len(passing) < len(checked):
-        judged.unchecked.append("algebraic loops by way of effects or instances that are not known")
+        unchecked.append("algebraic loops by way of effects or instances that are not known")
     unknown = gaps.further("connections") or not all(one.known for one in stated)
     bonded = _bonded(bonds, instances, checked, stated, unknown, absent, places, found, notes)
     if bonds and unknown:
-        judged.unchecked.append("whether the connections of bonds are there")
+        unchecked.append("whether the connections of bonds are there")
     broken = any(not link.at_once for one in checked if one.wire for link in one.wire.every_link)
     longest = step_size if broken else None
-    judged.system = System(
+    system = System(
         tuple(instances),
         tuple(checked),
         recorded,
@@ -192,6 +183,7 @@ def assemble_parts(
         bonds=bonded,
         held=frozenset(rounds.held),
     )
+    return Judged(system, tuple(found), tuple(unchecked))
 
 
 def _kept(instances: Sequence[Instance]) -> list[str]:
@@ -216,7 +208,8 @@ def _may_hold(connection: Connection) -> bool:
 def _stated(
     connections: Iterable[str | ConnectionModel | Mapping[str, Any] | None],
     descriptions: Mapping[str, ModelDescription],
-    judged: Judged,
+    problems: list[Problem],
+    unchecked: list[str],
     places: Places,
     absent: Absent,
     gaps: Gaps,
@@ -241,11 +234,11 @@ def _stated(
             like = meant(whole, descriptions)
             unknown |= bool(every) and like >= every
             fed |= like
-        judged.problems += wrong
+        problems += wrong
         single += ends
         stated += [whole, *ends] if wrong else ends
     if unknown:
-        judged.unchecked.append("whether all inputs are connected")
+        unchecked.append("whether all inputs are connected")
     return stated, single, fed | (every if unknown else set())
 
 

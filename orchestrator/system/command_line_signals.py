@@ -35,15 +35,17 @@ def requested(
         inputs: a CSV file whose columns feed the inputs of the same names, "instance.variable" or, where one
             instance alone has it, "variable".
         record: patterns of signals to record besides, as "h", "der(*)" or "robot.*".
-    Raises: ConfigError with all problems.
+    Returns: the config as it is where its FMUs have problems, which its check reports.
+    Raises: ConfigError with all problems of the rest.
     """
     config = load_config(source, overrides)
     if inputs is None and not record:
         return config
-    data, problems = config.model.to_data(), list[Problem]()
-    parts = parts_of(Draft(config), problems).parts
-    if problems:
-        raise ConfigError(problems)
+    data, problems, made = config.model.to_data(), list[Problem](), parts_of(Draft(config))
+    if made.problems:
+        # The check of the config reports them with all others.
+        return config
+    parts = made.parts
     if inputs is not None:
         _feed(data, parts, Path(inputs), problems)
     if record:

@@ -45,23 +45,22 @@ class Parts:
         parts: in the config's order.
         absent: those that do not exist.
         unsettled: names of instances whose own step size is unknown.
+        problems: what is wrong with the others' FMUs and step sizes.
     """
 
     parts: list[Part]
     absent: Absent
     unsettled: frozenset[str]
+    problems: tuple[Problem, ...]
 
 
-def parts_of(draft: Draft, problems: list[Problem]) -> Parts:
-    """The configured instances, as far as they are known.
-
-    Args:
-        problems: the problems found are added.
-    """
+def parts_of(draft: Draft) -> Parts:
+    """The configured instances, as far as they are known."""
     config, gaps = draft.config, draft.gaps
     assert config is not None
     model = config.model
     parts: list[Part] = []
+    problems: list[Problem] = []
     unsettled: set[str] = set()
     ratios: dict[str, Fraction] = {}  # of files of signals
     known: dict[tuple[str, str | None, RunOptions], Fmu | None] = {}
@@ -74,7 +73,7 @@ def parts_of(draft: Draft, problems: list[Problem]) -> Parts:
         if Path(instance.fmu).suffix.lower() == SUFFIX:
             ratios[name] = ratio or Fraction(1)
             continue
-        choice = instance.fmu, instance.form, _handling(instance)
+        choice = instance.fmu, instance.form, _run_options(instance)
         if choice not in known:
             known[choice] = _find_fmu(*choice, config, ("instances", name), problems)
         fmu, start = known[choice], instance.start
@@ -93,7 +92,7 @@ def parts_of(draft: Draft, problems: list[Problem]) -> Parts:
     absent = Absent(frozenset({*names, *(name.partition(".")[0] for name in names)} - there))
     if gaps.further("instances") or gaps.further("external"):
         absent = absent.but(there)
-    return Parts(parts, absent, frozenset(unsettled))
+    return Parts(parts, absent, frozenset(unsettled), tuple(problems))
 
 
 def _structural(fmu: Fmu, start: Mapping[str, Any]) -> dict[str, Any]:
@@ -198,7 +197,7 @@ def _ratio(name: str, draft: Draft, problems: list[Problem]) -> Fraction | None:
     return ratio
 
 
-def _handling(instance: InstanceModel) -> RunOptions:
+def _run_options(instance: InstanceModel) -> RunOptions:
     return RunOptions(
         any_step=instance.any_step,
         interface=None if instance.interface is None else Interface(instance.interface),

@@ -69,7 +69,7 @@ class SiNumbers:
     @cached_property
     def _variables(self) -> Mapping[str, Mapping[str, Variable]]:
         # What is wrong with FMUs is reported when the system is checked.
-        parts = parts_of(Draft(self._config), []).parts
+        parts = parts_of(Draft(self._config)).parts
         return {part.name: part.fmu.description.variables for part in parts}
 
     def override(self, path: str, value: Any) -> str:

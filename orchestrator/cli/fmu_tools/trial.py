@@ -176,9 +176,9 @@ class Trial:
             seen[index - first] = instance.y
         return seen
 
-    def trajectory(self, rows: Array, divided: int = 1, name: str = "one") -> Array:
+    def trajectory(self, rows: Array, divided: int = 1) -> Array:
         """Outputs of a new instance at every communication point, shape (steps + 1, outputs)."""
-        with self.made(name) as instance:
+        with self.made("one") as instance:
             start = self.initialise(instance, rows)
             return np.vstack([start, self.drive(instance, rows, divided=divided)])
 

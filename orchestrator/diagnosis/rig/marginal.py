@@ -14,11 +14,13 @@ __all__ = ["Marginal", "inflation"]
 
 # Autocorrelation is summed up to so many of the times that the sum gives.
 _WINDOW = 6.0
+# The largest lag that is looked at.
+_LONGEST = 200
 # Directions of roughness with smaller deviations, in standard deviations of a sample, are left out.
 _SPREAD = 0.1
 
 
-def inflation(residuals: Iterable[Array], longest: int = 200) -> float:
+def inflation(residuals: Iterable[Array]) -> float:
     """Factor by which squared residuals overstate their information, because neighbours are correlated.
 
     The integrated autocorrelation time, 1 + 2 sum rho(k), summed up to a lag of six times the sum (Sokal's
@@ -27,7 +29,6 @@ def inflation(residuals: Iterable[Array], longest: int = 200) -> float:
 
     Args:
         residuals: of the best fit, normalised, per run and channel, as `Fit.residuals`.
-        longest: lag that is looked at.
     """
     weighted = total = 0.0
     for r in residuals:
@@ -36,7 +37,7 @@ def inflation(residuals: Iterable[Array], longest: int = 200) -> float:
             continue
         size = 1 << (2 * len(r) - 1).bit_length()
         spectrum = np.abs(np.fft.rfft(r, size)) ** 2
-        rho = np.fft.irfft(spectrum, size)[: min(longest, len(r) // 4) + 1]
+        rho = np.fft.irfft(spectrum, size)[: min(_LONGEST, len(r) // 4) + 1]
         times = 2.0 * np.cumsum(rho / rho[0]) - 1.0
         enough = np.flatnonzero(np.arange(len(times)) >= _WINDOW * times)
         time = float(times[enough[0]] if enough.size else times[-1])

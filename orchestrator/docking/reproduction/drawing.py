@@ -14,11 +14,12 @@ from .experiment import Recorded
 __all__ = ["forces", "over_contact_time", "sheet", "stacked", "velocities"]
 
 _DASHES = ("-", "--", ":", "-.")
+_TIME = "time in contact, free flight cut out [s]"
 
 
-def sheet(x: str, y: str, height: float = 4.2) -> tuple[Figure, Any]:
+def sheet(x: str, y: str) -> tuple[Figure, Any]:
     """A figure with one pair of axes and their labels."""
-    figure = Figure(figsize=(9.0, height), layout="constrained")
+    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
     axes = figure.subplots()
     axes.set_xlabel(x)
     axes.set_ylabel(y)
@@ -28,14 +29,14 @@ def sheet(x: str, y: str, height: float = 4.2) -> tuple[Figure, Any]:
 
 def velocities(runs: Mapping[str, Recorded], contacts: int) -> Figure:
     """Relative velocity of the satellites in the first contacts of several runs, by label."""
-    figure, axes = _contact_sheet("relative velocity [mm/s]")
+    figure, axes = sheet(_TIME, "relative velocity [mm/s]")
     over_contact_time(axes, {label: (run, run.velocity * 1e3) for label, run in runs.items()}, contacts)
     return figure
 
 
 def forces(runs: Mapping[str, Recorded], contacts: int) -> Figure:
     """Contact force in the first contacts of several runs, by label."""
-    figure, axes = _contact_sheet("contact force [N]")
+    figure, axes = sheet(_TIME, "contact force [N]")
     over_contact_time(axes, {label: (run, run.force) for label, run in runs.items()}, contacts)
     return figure
 
@@ -61,10 +62,3 @@ def over_contact_time(axes: Any, lines: Mapping[str, tuple[Recorded, Any]], cont
             axes.plot(time, signal[rows], label=label if number == 0 else None, **style)
     if len(lines) > 1:
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize="small")
-
-
-_TIME = "time in contact, free flight cut out [s]"
-
-
-def _contact_sheet(label: str) -> tuple[Figure, Any]:
-    return sheet(_TIME, label)
