@@ -35,6 +35,7 @@ ZERO = {
     "dropout": [{"dropout": 0, "period": "1 ms", "seed": 5}],
     "jitter": [{"jitter": "0 s", "period": "1 ms", "seed": 5}],
     "map": [{"map": []}],
+    "relay": [{"relay": "0 m"}, {"relay": "0 m", "width": "1 mm"}],
 }
 SIZED = {
     "gain": {"gain": 1.1},
@@ -52,6 +53,7 @@ SIZED = {
     "dropout": {"dropout": 0.5, "period": "7 ms", "seed": 5},
     "jitter": {"jitter": "30 ms", "period": "7 ms", "seed": 5},
     "map": {"map": ["1 -> 3"]},
+    "relay": {"relay": "1 m", "width": "1 mm"},
 }
 MASTERS = {
     "jacobi": {"name": "jacobi"},

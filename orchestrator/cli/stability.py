@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--limit-cycles",
         action="store_true",
-        help="amplitude and frequency that play, dead band, saturation and rounding on connections predict",
+        help="oscillations that relays, play, dead band, saturation and others predict",
     )
     parser.add_argument(
         "--points",

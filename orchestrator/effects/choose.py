@@ -37,6 +37,7 @@ BUILT_IN = {
     "dropout": ".dropout:Dropout",
     "jitter": ".jitter:Jitter",
     "map": ".map:Map",
+    "relay": ".relay:Relay",
 }
 _GROUP = "orchestrator.effects"
 

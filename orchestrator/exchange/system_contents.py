@@ -32,7 +32,7 @@ _SMALL = ("Integer", "Enumeration", "Int8", "UInt8", "Int16", "UInt16", "Int32")
 _PYTHON = "PythonFMU"
 EFFECTS = (
     "gain", "offset", "delay", "low-pass", "sample-and-hold", "saturate", "quantise", "rate-limit",
-    "dead-band", "backlash", "noise", "drift", "dropout", "jitter", "map",
+    "dead-band", "backlash", "noise", "drift", "dropout", "jitter", "map", "relay",
 )  # fmt: skip
 """Those that runtime/coupled/effects.c has, by their numbers there."""
 

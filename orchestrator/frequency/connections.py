@@ -20,6 +20,7 @@ from ..effects.noise import Noise
 from ..effects.offset import Offset
 from ..effects.quantise import Quantise
 from ..effects.rate_limit import RateLimit
+from ..effects.relay import Relay
 from ..effects.sample_and_hold import SampleAndHold
 from ..effects.saturate import Saturate
 
@@ -48,7 +49,7 @@ _LINEAR: Mapping[type[Effect], Callable[[Any], Path]] = {
     LowPass: lambda effect: Path(lag=effect.numbers()[0]),
     SampleAndHold: lambda effect: Path(delay=0.5 * effect.period),
 }
-_LEFT_OUT = (Saturate, Quantise, RateLimit, DeadBand, Backlash, Noise)
+_LEFT_OUT = (Saturate, Quantise, RateLimit, DeadBand, Backlash, Noise, Relay)
 
 
 def effect_path(effect: Effect) -> Path | None:
@@ -69,6 +70,8 @@ def known_effects() -> tuple[str, ...]:
 
 def effect_note(effect: Effect) -> str:
     """What the transfer function leaves out; empty if nothing."""
+    if isinstance(effect, Relay) and effect.level:
+        return "switches and has no slope; it counts as gain 1, --limit-cycles says what it does"
     if type(effect) in _LEFT_OUT:
         return "is not linear and is left out"
     if isinstance(effect, SampleAndHold) and effect.period:

@@ -21,6 +21,7 @@ from ..effects.backlash import Backlash
 from ..effects.dead_band import DeadBand
 from ..effects.quantise import Quantise
 from ..effects.rate_limit import RateLimit
+from ..effects.relay import Relay
 from ..effects.saturate import Saturate
 from ..simulation.run import Prepared
 from .delay_system import Modes
@@ -31,11 +32,13 @@ __all__ = ["LimitCycle", "describing_function", "limit_cycles", "limit_cycles_te
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-_KINDS = (Saturate, DeadBand, Backlash, Quantise, RateLimit)
+_KINDS = (Saturate, DeadBand, Backlash, Quantise, RateLimit, Relay)
 # Samples of a period, and periods until a memory has settled.
 _SAMPLES, _SETTLED = 2048, 2
 # Of the harmonic balance: the highest harmonic, samples of a period, and what may be left of it.
 _HARMONICS, _BALANCE_SAMPLES, _BALANCED = 15, 512, 1e-5
+# Of a relay: the highest harmonic, and samples of a period.
+_SWITCHING_HARMONICS, _SWITCHING_SAMPLES = 2001, 16384
 # A balance that ends further away than this factor is another oscillation.
 _NEAR = 2.0
 # Amplitudes over the size of the effect, from and to, and how many.
@@ -171,7 +174,10 @@ def _of(
             continue
         stable = _comes_back(linear, connection, n, solved.x)
         first = float(amplitude), float(frequency)
-        balance = _balance(linear, connection, effect, mean, *first)
+        if isinstance(effect, Relay):
+            balance = _switching(linear, connection, effect, first[1])
+        else:
+            balance = _balance(linear, connection, effect, mean, *first)
         found.append(LimitCycle(connection, name, *(balance or first), stable, *first, balance is not None))
     return found
 
@@ -223,6 +229,34 @@ def _balance(
         return None
     course = entering(solved.x)
     return 0.5 * float(np.ptp(course)), float(omega * np.exp(solved.x[1]))
+
+
+def _switching(linear: Linearised, connection: str, relay: Relay, omega: float) -> tuple[float, float] | None:
+    """Amplitude and frequency where a relay switches at its thresholds, from those by the first harmonic.
+
+    A relay gives a square wave whatever enters it, so that all harmonics are known: it switches up where
+    sum of 4 level/(pi k) Im L(j k omega) over odd k is minus half of its width (Tsypkin).
+    """
+    from scipy.optimize import brentq
+
+    orders = np.arange(1, _SWITCHING_HARMONICS + 1, 2)
+
+    def entering(w: float) -> Complex:
+        return -linear.system.open_loop(connection, orders * w) * 4.0 * relay.level / (np.pi * orders)
+
+    def early(log: float) -> float:
+        return float(np.sum(entering(omega * np.exp(log)).imag)) - 0.5 * relay.width
+
+    logs = np.linspace(-np.log(_NEAR), np.log(_NEAR), 41)
+    values = np.array([early(one) for one in logs])
+    places = np.flatnonzero(values[:-1] * values[1:] <= 0.0)
+    if not len(places):
+        return None
+    place = places[np.argmin(abs(logs[places]))]
+    found = omega * float(np.exp(brentq(early, logs[place], logs[place + 1], xtol=1e-12)))
+    spectrum = np.zeros(_SWITCHING_SAMPLES // 2 + 1, np.complex128)
+    spectrum[orders] = -0.5j * _SWITCHING_SAMPLES * entering(found)
+    return 0.5 * float(np.ptp(np.fft.irfft(spectrum))), found
 
 
 def _cells(value: Complex) -> list[tuple[int, int]]:

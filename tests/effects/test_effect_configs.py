@@ -132,7 +132,7 @@ def test_all_that_is_wrong_is_told_at_once():
     place = "system: connections[0].through"
     assert told[:3] == [
         f"{place}[0].delya: no effect 'delya'",
-        f"  effects: {', '.join(BUILT_IN)}. Did you mean delay?",
+        f"  effects: {', '.join(BUILT_IN)}. Did you mean delay or relay?",
         f"{place}[1].delay: delay: time: cannot take '1 m', m [m] cannot be converted to s [s]",
     ]
     heads = [line.removeprefix(place).partition(":")[0] for line in told if not line.startswith("  ")]

@@ -44,7 +44,8 @@ instances:
   satellite: {step_size: 0.25 ms}
 connections:
   - robot.position -> contact.position
-  - {from: robot.velocity, to: contact.velocity, through: [{delay: {time: 0.3 ms, before: 20 mm/s}}]}
+  - {from: robot.velocity, to: contact.velocity, through: [{delay: {time: 0.3 ms, before: 20 mm/s}},
+     {relay: 20 mm/s, width: 1 mm/s}]}
   - from: [contact.force, {port: robot.velocity, gain: 3 N.s/m}]
     to: satellite.force
     through:

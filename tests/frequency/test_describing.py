@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import control
 import numpy as np
 import pytest
 
@@ -9,6 +10,7 @@ import orchestrator as orc
 from orchestrator.cli.main import main
 from orchestrator.effects.backlash import Backlash
 from orchestrator.effects.dead_band import DeadBand
+from orchestrator.effects.relay import Relay
 from orchestrator.effects.saturate import Saturate
 from orchestrator.frequency import limit_cycles, linearise
 from orchestrator.frequency.describing import describing_function
@@ -30,6 +32,40 @@ def test_describing_functions_are_those_of_the_books(amplitude):
     real = (0.5 * np.pi + np.arcsin(left) + left * np.sqrt(1.0 - left**2)) / np.pi
     expected = complex(real, -4.0 * ratio / np.pi * (1.0 - ratio))
     assert describing_function(Backlash(width=2.0), amplitude) == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize(("amplitude", "width"), [(0.3, 0.0), (1.0, 0.5), (20.0, 4.0)])
+def test_the_describing_function_of_a_relay_is_that_of_the_books(amplitude, width):
+    """4 M/(pi A) (sqrt(1 - (w/(2 A))^2) - j w/(2 A))."""
+    ratio = 0.5 * width / amplitude
+    expected = 4.0 * 1.5 / (np.pi * amplitude) * (np.sqrt(1.0 - ratio**2) - 1j * ratio)
+    found = describing_function(Relay(level=1.5, width=width), amplitude)
+    assert found == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("relay", "through"),
+    [({"relay": 1.0}, []), ({"relay": 2.0, "width": 0.2}, [{"delay": "0.1 s"}])],
+)
+def test_a_relay_oscillates_as_predicted(relay, through, tmp_path, monkeypatch):
+    """2/(s (s + 1) (s + 2)); by the first harmonic sqrt(2) rad/s and 8 M/(6 pi) without delay."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    system = orc.System(step_size="1 ms", stop_time="60 s")
+    system.add("lags", control.tf([2.0], [1.0, 3.0, 2.0]), x1=0.3)
+    system.add("integrator", control.tf([1.0], [1.0, 0.0]))
+    system.connect("lags.y", "integrator.u", {"gain": -1.0}, relay, *through)
+    system.connect("integrator.y", "lags.u")
+    prepared = prepare(system.data)
+    (found,) = limit_cycles(prepared, linearise(prepared))
+    assert found.stable and found.balanced
+    if not through:
+        assert found.first_omega == pytest.approx(np.sqrt(2.0), rel=3e-3)
+        assert found.first_amplitude == pytest.approx(4.0 * 2.0 / (6.0 * np.pi), rel=5e-3)
+    result = orc.run(system, halving=False)
+    frequency, amplitude = oscillation(result["lags.y"].time, result["lags.y"].values)
+    assert found.frequency == pytest.approx(frequency, rel=2e-3)
+    assert found.amplitude == pytest.approx(amplitude, rel=3e-3)
+    assert abs(found.first_amplitude / amplitude - 1.0) > 0.02
 
 
 def servo(*effects, start="1 um"):

@@ -8,7 +8,7 @@
 
 enum {
     GAIN, OFFSET, DELAY, LOW_PASS, SAMPLE_AND_HOLD, SATURATE, QUANTISE, RATE_LIMIT, DEAD_BAND, BACKLASH, NOISE,
-    DRIFT, DROPOUT, JITTER, MAP
+    DRIFT, DROPOUT, JITTER, MAP, RELAY
 };
 
 static const double PI = 3.141592653589793;
@@ -134,6 +134,17 @@ static double backlash(double x, const double *options, double *memory, int comm
         memory[1] = y;
     }
     return y;
+}
+
+static double relay(double x, const double *options, double *memory, int commit)
+{
+    double sign = memory[0];
+    if (options[0] == 0.0) return x;
+    if (sign == 0.0) sign = x >= 0.0 ? 1.0 : -1.0;
+    if (x > 0.5 * options[1]) sign = 1.0;
+    else if (x < -0.5 * options[1]) sign = -1.0;
+    if (commit) memory[0] = sign;
+    return sign * options[0];
 }
 
 static double quantised(double x, double resolution)
@@ -271,6 +282,7 @@ double effect_value(const Link *link, double time, const double *x, double *memo
         for (int i = 0; i + 1 < link->n_options; i += 2)
             if (x[0] == options[i]) return options[i + 1];
         return x[0];
+    case RELAY: return relay(x[0], options, memory, commit);
     default: return NAN;
     }
 }
