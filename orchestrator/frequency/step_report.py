@@ -35,24 +35,41 @@ _BORDER = 2e-4
 _FEW = 10
 
 
-def at_step(prepared: Prepared, size: float, steps: int = _FEW) -> tuple[float, tuple[str, ...]]:
+def at_step(
+    prepared: Prepared, size: float, steps: int = _FEW, *, own: bool = False
+) -> tuple[float, tuple[str, ...]]:
     """A step near a size that is short in decimals [s], and the overrides that make a run of such steps.
 
     Args:
         steps: how many; or more, so that instances with longer steps end theirs.
+        own: whether instances' own steps change in the same ratio; else they stay.
     """
-    text = f"{size:.7g}"
-    short = Fraction(text)
-    own = [one.ratio * prepared.grid.step_size / short for one in prepared.system.instances]
-    whole = math.lcm(*(one.numerator for one in own if one.denominator == 1))
+    ratios = {one.name: one.ratio for one in prepared.system.instances}
+    parts = math.lcm(*(one.denominator for one in ratios.values())) if own else 1
+    short = parts * Fraction(f"{size / parts:.7g}")
+    if not own:
+        ratios = {name: one * prepared.grid.step_size / short for name, one in ratios.items()}
+    whole = math.lcm(*(one.numerator for one in ratios.values() if own or one.denominator == 1))
     stop = prepared.grid.start + -(-steps // whole) * whole * short
-    exact = Context(prec=60).divide(Decimal(stop.numerator), Decimal(stop.denominator))
-    return float(short), (f"run.step_size={text} s", f"run.stop_time={exact} s")
+    changed = [f"run.step_size={_exact(short)} s", f"run.stop_time={_exact(stop)} s"]
+    if own:
+        changed += [
+            f"instances.{name}.step_size={_exact(one * short)} s" for name, one in ratios.items() if one != 1
+        ]
+    return float(short), tuple(changed)
 
 
-def with_step(prepared: Prepared, size: float) -> Prepared:
-    """The system with a communication step near a size [s], for a run of a few steps."""
-    if all(one.ratio == 1 for one in prepared.system.instances):
+def _exact(value: Fraction) -> Decimal:
+    return Context(prec=60).divide(Decimal(value.numerator), Decimal(value.denominator))
+
+
+def with_step(prepared: Prepared, size: float, *, own: bool = False) -> Prepared:
+    """The system with a communication step near a size [s], for a run of a few steps.
+
+    Args:
+        own: see `at_step`.
+    """
+    if own or all(one.ratio == 1 for one in prepared.system.instances):
         return replace(prepared, grid=Grid(prepared.grid.start, Fraction(f"{size:.7g}"), _FEW))
     return prepare(prepared.config, at_step(prepared, size)[1])
 
@@ -75,9 +92,10 @@ def step_report(prepared: Prepared, linear: Linearised, modes: Modes) -> dict[st
         prepared: the checked system.
         linear: what `linearise` gave.
         modes: its modes.
-    Returns: a dict with `master`, `step` [s], `verdict`, `modes` (each with `root`, `multiplier`,
-        `frequency`, `damping`, `participation`, and as `machine` the root of the continuous system that it
-        stands for, or None) and `largest_step`; or with `refused`, why it is not known.
+    Returns: a dict with `master`, `step` [s], `own_steps` (whether instances have steps of their own),
+        `verdict`, `modes` (each with `root`, `multiplier`, `frequency`, `damping`, `participation`, and as
+        `machine` the root of the continuous system that it stands for, or None) and `largest_step`; or with
+        `refused`, why it is not known.
     """
     resting = resting_roots(modes)
     try:
@@ -100,6 +118,7 @@ def step_report(prepared: Prepared, linear: Linearised, modes: Modes) -> dict[st
         "size": sampled.size,
         "verdict": verdict,
         "modes": [_entry(one, sampled, partner.get(index)) for index, one in enumerate(found)],
+        "own_steps": any(one.ratio != 1 for one in prepared.system.instances),
         "largest_step": largest_step(prepared, linear, resting, bool(modes.unstable), bool(unstable)),
     }
 
@@ -137,7 +156,7 @@ def largest_step(
     """The communication step at which stability ends.
 
     Steps are looked at in ratios of 1.19, upwards from the config's while it is stable, else downwards; then
-    the border is found to 0.02 %.
+    the border is found to 0.02 %. Instances' own steps change in the same ratio.
 
     Args:
         prepared, linear, resting: as for `sampled_system`.
@@ -150,7 +169,7 @@ def largest_step(
         return None
 
     def look(size: float) -> SampledSystem:
-        return sampled_system(with_step(prepared, size), linear, resting)
+        return sampled_system(with_step(prepared, size, own=True), linear, resting)
 
     begin = float(prepared.grid.step_size)
     longest = float(prepared.grid.stop - prepared.grid.start)
@@ -206,9 +225,9 @@ def step_text(report: dict[str, Any], machine_stable: bool) -> str:
             f"  stable up to a step of {_time(border['value'])} at least; beyond: {border['refused']}"
         )
     else:
-        lines.append(
-            f"  largest stable step: {_time(border['value'])}; beyond it {border['frequency']:.4g} Hz grows"
-        )
+        with_own = ", own steps of instances in the same ratio" if report["own_steps"] else ""
+        text = f"{_time(border['value'])}{with_own}; beyond it {border['frequency']:.4g} Hz grows"
+        lines.append(f"  largest stable step: {text}")
     return "\n".join(lines)
 
 

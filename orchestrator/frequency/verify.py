@@ -78,7 +78,7 @@ def verified(
     overgrown = False
     sampled: list[dict[str, Any]] = []
     for size in (step, step / 2):
-        size, changes = at_step(prepared, size)
+        size, changes = at_step(prepared, size, own=True)
         try:
             made = sampled_system(runs.prepared(changes), linear, resting_roots(modes))
         except ConfigError:
@@ -157,7 +157,7 @@ class _Runs:
         samples = _SAMPLES
         if root.real > 0.0:
             samples = int(np.clip(np.log(_GROWN) / (root.real * size * stride), _FEWEST, _SAMPLES))
-        changes = at_step(self.prepared(), size, stride * samples)[1]
+        changes = at_step(self.prepared(), size, stride * samples, own=True)[1]
         one, other = (
             _signals(self.prepared(changes, start), stride) for start in ({}, dict([self.changed(mode)]))
         )

@@ -82,6 +82,21 @@ def test_instances_with_longer_steps(master, slow):
     assert max(one["difference"] for one in compared) < 1e-5
 
 
+@pytest.mark.parametrize(("own", "share"), [("2 ms", 2.0), ("0.2 ms", 1.0)])
+def test_own_steps_change_with_the_communication_step(own, share):
+    """The controller alone acts in steps, so that its own are those that count, where they are the longer."""
+    config = servo(controller={"step_size": own})
+    prepared = prepare(config)
+    linear = linearise(prepared)
+    alone = prepare(servo())
+    border = largest_step(alone, linearise(alone), 1, False, False)["value"]
+    assert largest_step(prepared, linear, 1, False, False)["value"] == pytest.approx(border / share, rel=1e-3)
+    report = verified(config, linear)
+    assert max(one["difference"] for one in report["sampled"]) < 1e-6
+    differences = [one["difference"] for one in report["steps"]]
+    assert differences[1] < 0.55 * differences[0] and differences[2] < 0.15 * differences[1]
+
+
 @pytest.mark.parametrize(
     ("config", "master", "step"),
     [
