@@ -33,6 +33,7 @@ from .measured_part import measured_part
 from .measured_samples import sampled_law, sampling
 from .open_loop import OpenLoop
 from .statespace import LateInput, Law, StateSpace, linearised, real_ports
+from .twin_runs import resumed
 
 if TYPE_CHECKING:
     import control
@@ -230,9 +231,8 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
     with instantiate(system) as instances:
         signals = instances.initialise(float(prepared.grid.start), float(prepared.grid.stop))
         if at_time is not None:
-            notes.append(
-                f"linear around t = {_advanced(instances, prepared, signals, at_time):.9g} s of the run"
-            )
+            reached = _advanced(instances, prepared, signals, at_time)
+            notes.append(f"linear around t = {reached:.9g} s of the run")
         for one, running in zip(system.instances, instances.running, strict=True):
             inputs = tuple(name for name, _ in real_ports(one.fmu) if f"{one.name}.{name}" in fed)
             outputs = tuple(name for name, is_output in real_ports(one.fmu) if is_output)
@@ -258,8 +258,16 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
                 and any(not part.d[outputs.index(key)].any() for key in read)
             ):
                 why = "names no states"
+            here: tuple[Instance, Prepared] | None = (one, prepared)
+            if at_time is not None and (why or not all(acts(part, name) for name in inputs)):
+                here = resumed(one, running, prepared, reached)
+            if here is None and why:
+                what = f"it {why}, and cannot save its state, which a measurement at that time begins with"
+                problems.append(Problem(one.name, what, "", _REMEDY))
+                continue
+            here = here or (one, prepared)
             if why:
-                sampled = _by_samples(one, inputs, read, values, prepared)
+                sampled = _by_samples(here[0], inputs, read, values, here[1])
                 if isinstance(sampled, Law):
                     known[one.name] = sampled
                     parts[one.name] = sampled.space
@@ -268,7 +276,7 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
                 if sampled:
                     problems.append(Problem(one.name, f"it {why}, and {sampled}", "", _REMEDY))
                     continue
-                found = _by_steps(one, inputs, read, values, prepared, why)
+                found = _by_steps(here[0], inputs, read, values, here[1], why)
                 if isinstance(found, str) and refusal(one) is not None:
                     problems.append(Problem(one.name, f"it {why}, and {found}", "", _REMEDY))
                     continue
@@ -285,7 +293,7 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
                 notes += [_inner_note(one, part, each) for each in inner[one.name]]
                 notes += [f"{one.name}: {unknown}"] if unknown else []
             for name in inputs:
-                find_late_input(one, part, name, values, prepared, hidden, notes, problems)
+                find_late_input(here[0], part, name, values, here[1], hidden, notes, problems)
     chains, wrong = chains_of(system.connections, notes)
     if problems or wrong:
         raise ConfigError([*problems, *wrong])

@@ -16,10 +16,11 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from ..base.errors import OrchestratorError, listed
-from ..fmi import FmuInstance, Point, StepStatus
+from ..fmi import FmuInstance, Point
 from ..simulation.run import Prepared
 from ..system.system import Instance
 from .statespace import StateSpace, differentiation, linearised, state_names
+from .twin_runs import step_all
 
 __all__ = ["InnerDelay", "initial_gains", "inner_delays", "with_lines"]
 
@@ -246,11 +247,7 @@ class _Runs:
                             inputs[number][column - n] += self.heights[column]
                             found[number - 1, n : 2 * n] += jacobian[:n, column] * self.heights[column]
                 slopes.append(np.hstack([found[:, n : 2 * n], np.zeros_like(fed)]))
-                status = StepStatus.OK
-                for instance in instances:
-                    instance.write_inputs()
-                    status = max(status, instance.do_step(Point(index, begin + index * step, step)))
-                if status > StepStatus.WARNING:
+                if not step_all(instances, Point(index, begin + index * step, step)):
                     break
         finally:
             for instance in instances:

@@ -15,10 +15,11 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from ..base.errors import OrchestratorError
-from ..fmi import FmuInstance, Point, StepStatus
+from ..fmi import FmuInstance, Point
 from ..simulation.run import Prepared
 from ..system.system import Instance
 from .statespace import StateSpace
+from .twin_runs import step_all
 
 __all__ = ["FIT", "answer", "continuous", "differences", "measured_part", "passage", "realised", "scaled"]
 
@@ -125,11 +126,7 @@ def differences(
         yield difference()
         for index, more in enumerate(courses):
             inputs[1][:] = still + more
-            status = StepStatus.OK
-            for instance in instances:
-                instance.write_inputs()
-                status = max(status, instance.do_step(Point(index, begin + index * step, step)))
-            if status > StepStatus.WARNING:
+            if not step_all(instances, Point(index, begin + index * step, step)):
                 return
             yield difference()
     finally:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from modelica_texts import built_models
 from scipy.optimize import newton
 from scipy.special import lambertw
 
@@ -58,14 +59,7 @@ end Control;
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory):
-    pytest.importorskip("casadi", reason="needs the extra build")
-    folder = tmp_path_factory.mktemp("models")
-    built = {}
-    for text in (SELF, TWO, PIPE, CONTROL):
-        name = text.split()[1]
-        (folder / f"{name}.mo").write_text(text, encoding="utf-8")
-        built[name] = str(orc.build(folder / f"{name}.mo", folder / f"{name}.fmu").path)
-    return built
+    return built_models(tmp_path_factory.mktemp("models"), SELF, TWO, PIPE, CONTROL)
 
 
 def alone(model, name, step="50 ms"):

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import foreign
 import numpy as np
 import pytest
 
 import orchestrator as orc
+from orchestrator.base.errors import ConfigError
 from orchestrator.frequency import linearise
+from orchestrator.translate.python_fmu import build_python_fmu
 
 
 def mass_on_a_spring(step="1 ms", *effects):
@@ -48,3 +52,71 @@ def test_hidden_states_of_a_foreign_fmu_are_found(tmp_path):
     }
     found = linearise(config).modes().modes[0].root
     assert found + 3.0 * np.exp(-0.2 * found) == pytest.approx(0.0, abs=1e-5)
+
+
+TANK = '''
+"""A tank whose outflow grows with the square of its level."""
+from pythonfmu import Fmi2Causality, Fmi2Slave, Real
+
+
+class Tank(Fmi2Slave):
+    """level' = inflow - level^2/2."""
+
+    type_attributes = {"inflow": {"unit": "1"}, "level": {"unit": "1"}}
+    dependencies = {"level": ()}
+    initial_dependencies = {"level": ()}
+
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.inflow, self.level = 0.0, 0.2
+        self.register_variable(Real("inflow", causality=Fmi2Causality.input, description="inflow", start=0.0))
+        self.register_variable(Real("level", causality=Fmi2Causality.output, description="level"))
+
+    def do_step(self, time, step):
+        for _ in range(20):
+            middle = self.level + step / 40 * (self.inflow - self.level**2 / 2)
+            self.level += step / 20 * (self.inflow - middle**2 / 2)
+        return True
+'''
+
+
+@pytest.fixture(scope="module")
+def tank(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tank")
+    (folder / "tank.py").write_text(TANK, encoding="utf-8")
+    return build_python_fmu(folder / "tank.py", folder / "Tank.fmu")
+
+
+def controlled(tank):
+    """The level settles at 2, where level^2/2 = 4 - level; there level' = -2 level + inflow."""
+    system = orc.System(step_size="20 ms", stop_time="20 s")
+    system.add("tank", str(tank))
+    through = [{"offset": -4.0}, {"gain": -1.0}, {"low-pass": {"time_constant": "0.5 s"}}]
+    return system.connect("tank.level", "tank.inflow", *through)
+
+
+def test_a_response_is_measured_where_the_run_has_brought_the_fmu(tank):
+    found = linearise(controlled(tank).data, at_time=15.0)
+    assert found.point["tank.inflow"] == pytest.approx(2.0, abs=1e-6)
+    # (s + 2)^2 + 2 = 0
+    assert found.modes().modes[0].root == pytest.approx(-2.0 + np.sqrt(2.0) * 1j, rel=5e-4)
+
+
+def test_what_cannot_save_its_state_is_not_measured_at_a_later_time(tank):
+    prepared = controlled(tank).check()
+    (one,) = prepared.system.instances
+    capabilities = replace(one.fmu.description.capabilities, serialise_state=False)
+    fmu = Described(one.fmu, replace(one.fmu.description, capabilities=capabilities))
+    system = replace(prepared.system, instances=(replace(one, fmu=fmu),))
+    with pytest.raises(ConfigError, match="it offers no directional derivatives, and cannot save its state"):
+        linearise(replace(prepared, system=system), at_time=15.0)
+
+
+class Described:
+    """An FMU with another description."""
+
+    def __init__(self, fmu, description):
+        self._fmu, self.description = fmu, description
+
+    def __getattr__(self, name):
+        return getattr(self._fmu, name)

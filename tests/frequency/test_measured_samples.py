@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from modelica_texts import built_models
 
-import orchestrator as orc
 from orchestrator.cli.main import main
 from orchestrator.frequency import linearise
 from orchestrator.frequency.linearity import unlike_parts
@@ -52,14 +52,7 @@ end Relay;
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory):
-    pytest.importorskip("casadi", reason="needs the extra build")
-    folder = tmp_path_factory.mktemp("models")
-    made = {}
-    for text in (PLANT, SAMPLED, RELAY):
-        name = text.split()[1]
-        (folder / f"{name}.mo").write_text(text, encoding="utf-8")
-        made[name] = str(orc.build(folder / f"{name}.mo", folder / f"{name}.fmu").path)
-    return made
+    return built_models(tmp_path_factory.mktemp("models"), PLANT, SAMPLED, RELAY)
 
 
 def loop(models, controller, step="5 ms", master="gauss-seidel"):

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from modelica_texts import built_models
 
 import orchestrator as orc
 from orchestrator.base.errors import ConfigError
@@ -42,14 +43,7 @@ end Pendulum;
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory):
-    pytest.importorskip("casadi", reason="needs the extra build")
-    folder = tmp_path_factory.mktemp("models")
-    built = {}
-    for text in (TANK, PENDULUM):
-        name = text.split()[1]
-        (folder / f"{name}.mo").write_text(text, encoding="utf-8")
-        built[name] = str(orc.build(folder / f"{name}.mo", folder / f"{name}.fmu").path)
-    return built
+    return built_models(tmp_path_factory.mktemp("models"), TANK, PENDULUM)
 
 
 def tanks(models, inflow="0.05 m3/s"):
