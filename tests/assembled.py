@@ -10,7 +10,7 @@ import pytest
 
 from orchestrator.base.errors import ConfigError, Problem
 from orchestrator.config import Absent, BondModel, ConnectionModel, Gaps, Places
-from orchestrator.system.assembly import Part, assemble_parts
+from orchestrator.system.assembly import Part, assemble_instances
 from orchestrator.system.system import System
 
 
@@ -29,8 +29,8 @@ def assemble(
     bonds: Sequence[BondModel] | None = None,
     keep: bool = True,
 ) -> System:
-    """As `assemble_parts`; `problems` were found earlier. Raises: ConfigError with all problems."""
-    judged = assemble_parts(
+    """As `assemble_instances`; `problems` were found earlier. Raises: ConfigError with all problems."""
+    judged = assemble_instances(
         list(parts),
         connections,
         record=None if record is None else {one: ("run", "record", n) for n, one in enumerate(record)},

@@ -22,7 +22,7 @@ from .variants import Variants
 
 __all__ = ["Checked", "check_study"]
 
-# Values that are tried by checking the whole system with each; beyond that the ends are.
+# Values that are tried by checking the system with each; beyond that the ends are.
 _MOST_TRIED = 100
 
 

@@ -24,7 +24,7 @@ class Journal:
     the file is brought to the disk, so that a machine that loses power loses at most about that much.
 
     Attributes:
-        size: of the whole records in it [B].
+        size: of the complete records in it [B].
         count: of the records in it.
     """
 

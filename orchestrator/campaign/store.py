@@ -130,12 +130,12 @@ class StoreWriter:
                     check_store(folder)
                 else:
                     write_whole(folder / "store.json", json.dumps({"format": _FORMAT}).encode())
-                self._mend()
+                self._repair()
         except BaseException:
             self._stack.close()
             raise
 
-    def _mend(self) -> None:
+    def _repair(self) -> None:
         for left in (self.folder / "parts").glob(".*"):
             shutil.rmtree(left, ignore_errors=True)
         there = {number_of(one) for one in parts(self.folder)}

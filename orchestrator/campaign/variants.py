@@ -82,5 +82,5 @@ def _without_form(config: Config, instances: Iterable[object]) -> Config:
     data = config.model.to_data()
     for name in instances:
         data["instances"][name].pop("form", None)
-    # Not read anew from plain values: relative paths in it start from its own folder.
+    # Not read again from plain values: relative paths in it start from its own folder.
     return replace(config, model=type(config.model).model_validate(data))

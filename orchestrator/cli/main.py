@@ -112,7 +112,7 @@ DEFAULT_PARTS = {"challenge": ("system", ("make", "run", "score", "-h", "--help"
 
 def entry_point() -> None:
     """What the console command calls."""
-    _tell_crashes()
+    _print_stack_on_crash()
     try:
         status = main()
     except KeyboardInterrupt:  # before the command began
@@ -123,7 +123,7 @@ def entry_point() -> None:
     sys.exit(status)
 
 
-def _tell_crashes() -> None:
+def _print_stack_on_crash() -> None:
     """Have Python's stack printed where an FMU crashes: it shows the call.
 
     On Windows faults that an FMU handles by itself would be printed, too.

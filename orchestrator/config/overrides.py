@@ -36,14 +36,14 @@ def override(
     except ConfigError as error:
         problems += error.problems
     if path is None or problems:
-        return problems, _meant(data, name) if path is None else [path]
+        return problems, _likely_paths(data, name) if path is None else [path]
     if _reached(data, path):
         put_value(data, path, move_value(path, value, moved))
         places.known[path] = Place(place)
     return [], []
 
 
-def _meant(data: dict[str, Any], name: str) -> list[Path]:
+def _likely_paths(data: dict[str, Any], name: str) -> list[Path]:
     """What an override that leads nowhere may have been meant for, where that decides what else is judged."""
     head, _, rest = name.partition(".")
     if head == "run":

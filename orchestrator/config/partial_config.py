@@ -86,8 +86,8 @@ class _Reader:
     """Reads what is right of a config.
 
     Attributes:
-        problems: that the error does not list, because pydantic looks at a part as a whole only if all that
-            is in it is right.
+        problems: that the error does not list: pydantic checks the keys of a part together only if each is
+            right.
     """
 
     def __init__(self, data: Mapping[str, Any], places: Places, error: ValidationError, gaps: Gaps) -> None:
@@ -97,7 +97,7 @@ class _Reader:
         for item in error.errors(include_url=False):
             path, kind = path_within(data, item["loc"]), item["type"]
             if kind == "extra_forbidden":
-                self._gaps.update(_meant(self._at(path[:-1]), path, self._at(path)))
+                self._gaps.update(_likely_keys(self._at(path[:-1]), path, self._at(path)))
             elif kind == "value_error" and (not path or (len(path) == 2 and path[0] in _NAMED)):
                 self._wholes.add(path)  # its keys do not go together
             elif path[:1] == ("connections",) and len(path) > 1:
@@ -247,7 +247,7 @@ def _fits(adapter: TypeAdapter[Any], data: Any) -> bool:
     return True
 
 
-def _meant(data: Mapping[str, Any], path: Path, value: Any) -> Iterable[Path]:
+def _likely_keys(data: Mapping[str, Any], path: Path, value: Any) -> Iterable[Path]:
     """What an unknown key may be meant for: keys not given of a like name or, without any, of such values."""
     above = path[:-1]
     kinds: dict[str | int, type[BaseModel]] = {

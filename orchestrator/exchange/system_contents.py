@@ -27,7 +27,7 @@ __all__ = ["EFFECTS", "Inside", "Outer", "effect_number", "look_inside", "native
 _PLATFORMS2 = {"linux64": ("x86_64-linux",), "win64": ("x86_64-windows",)}
 _PLATFORMS3 = ("x86_64-linux", "x86_64-windows", "x86_64-darwin", "aarch64-darwin")
 _MACS = {0x01000007: "x86_64-darwin", 0x0100000C: "aarch64-darwin"}
-# What the FMUs' integers are made of; larger ones do not fit the Integer of the whole.
+# What the FMUs' integers are made of; larger ones do not fit an Integer of the exported FMU.
 _SMALL = ("Integer", "Enumeration", "Int8", "UInt8", "Int16", "UInt16", "Int32")
 _PYTHON = "PythonFMU"
 EFFECTS = (
@@ -39,12 +39,12 @@ EFFECTS = (
 
 @dataclass(frozen=True)
 class Outer:
-    """A variable of the whole.
+    """A variable of the exported FMU.
 
     Attributes:
         port: the variable of an instance that it is.
         variable: as that instance's FMU declares it.
-        causality: of the whole's: input, output or parameter.
+        causality: there: input, output or parameter.
         start: start value; None for outputs.
     """
 
@@ -68,7 +68,7 @@ class Inside:
         prepared: the config, in native forms, its master and grid.
         system, layout: with the chosen outputs recorded, and nothing else.
         order, late: schedule of the master.
-        inputs, outputs, parameters: of the whole.
+        inputs, outputs, parameters: of the exported FMU.
         fmus: files of the FMUs, each once.
         platforms: for which all FMUs have binaries, keys of translate.package.PLATFORMS.
         notes: what the user should know.
@@ -110,8 +110,8 @@ def look_inside(
 
     Args:
         config: with native forms, see `native_config`.
-        ports: outputs of the whole, as instance.variable; None: every numeric output of every instance.
-        inputs: inputs of the whole among those that nothing feeds; None: all of these.
+        ports: its outputs, as instance.variable; None: every numeric output of every instance.
+        inputs: its inputs among those that nothing feeds; None: all of these.
     Raises: ConfigError with all problems.
     """
     prepared = prepare(config)
@@ -304,7 +304,7 @@ def _processors(head: bytes) -> list[str]:
 def _common(
     system: System, fmus: Sequence[Path], problems: list[Problem], notes: list[str]
 ) -> tuple[str, ...]:
-    """Platforms that all FMUs have binaries for; says which FMU keeps the whole from others."""
+    """Platforms that all FMUs have binaries for; says which FMU has none for others."""
     versions = {one.fmu.path: one.fmu.description.fmi_version for one in system.instances}
     have = {path: platforms_of(path, versions[path]) for path in fmus}
     common = tuple(one for one in _PLATFORMS3 if all(one in found for found in have.values()))

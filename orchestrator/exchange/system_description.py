@@ -25,7 +25,7 @@ def describe_system(inside: Inside, name: str, identifier: str, token: str, fmi_
     """Write the description.
 
     Args:
-        name, identifier: of the whole, and of its binaries.
+        name, identifier: of the exported FMU, and of its binaries.
         token: GUID or instantiation token.
         fmi_version: "2.0" or "3.0".
     """
@@ -215,7 +215,7 @@ def _structure(root: ET.Element, inside: Inside, second: bool) -> None:
 
 
 def _reached(system: System, inputs: Iterable[Port], initial: bool) -> dict[Port, Sequence[Port]]:
-    """The inputs of the whole that each port depends on at one instant."""
+    """The inputs of the exported FMU that each port depends on at one instant."""
     after: dict[Port, list[Port]] = {}
     for connection in system.connections:
         for port in connection.sources if initial else connection.passed_at_once:

@@ -68,7 +68,7 @@ def export_system_fmu(
     Args:
         config, overrides: see `load_config`. Bundled FMUs go in in their native form.
         output: the .fmu to write; replaced only when complete.
-        fmi_version: of the whole, "2.0" or "3.0"; its parts may be of either.
+        fmi_version: of the exported FMU, "2.0" or "3.0"; its parts may be of either.
         ports: its outputs, as instance.variable; None: every numeric output of every instance.
         inputs: its inputs among those that nothing feeds; None: all of these. Others keep their start values.
     Returns: what was exported.
@@ -139,7 +139,7 @@ def _system(inside: Inside) -> str:
     return (
         f"<p>The FMUs below are stepped together, by the master {run.master_name}, every {run.step_size}; "
         "communication steps are whole multiples of that. Connected inputs hold their values over a step, "
-        "inputs of the whole over a communication step. An importer's tolerance is not passed on.</p>\n"
+        "inputs of this FMU over a communication step. An importer's tolerance is not passed on.</p>\n"
         "<table>\n"
         "<tr><th>instance</th><th>model</th><th>FMI</th><th>description</th></tr>\n"
         f"{rows}</table>\n<pre>\n{connections}</pre>"

@@ -30,7 +30,7 @@ def system_text(inside: Inside, name: str, token: str, folders: Sequence[str]) -
     """The text.
 
     Args:
-        name: of the whole.
+        name: of the exported FMU.
         token: its GUID or instantiation token.
         folders: of the FMUs of `inside.fmus`, below resources/.
     Raises: ConfigError if times or inputs are not of a kind that the text can hold.
@@ -239,7 +239,7 @@ class _Writer:
         return index, self._type(index, variable), variable.reference, variable.element, variable.elements
 
     def _variables(self) -> None:
-        """Variables of the whole, by value reference."""
+        """Variables of the exported FMU, by value reference."""
         self._line("variable", _TIME, 0, 0, 0, 0, 0, 0, 0, 1, TIME)
         inside = self._inside
         inputs = {one.port: number for number, one in enumerate(inside.inputs)}

@@ -44,7 +44,7 @@ class InputCurves:
         return self._blocks
 
     @property
-    def given(self) -> bool:
+    def has_curve(self) -> bool:
         """Whether there is a curve to follow."""
         return bool(self._slopes)
 

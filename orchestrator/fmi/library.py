@@ -117,7 +117,7 @@ def _callbacks() -> fmi2.fmi2CallbackFunctions:
 def _proxy_of_our_own() -> CDLL:
     """A copy of fmpy's logging library that nobody else loads.
 
-    The library keeps one logger for the whole process, that of its last caller: whoever simulates through
+    The library keeps one logger for the process, that of its last caller: whoever simulates through
     fmpy beside us would have it call his logger with our messages, even one that is gone.
     """
     from fmpy.logging import logging

@@ -43,7 +43,7 @@ class Exchange(CompiledInstance):
     _sent: Array | None = None
 
     def __init__(self, *arguments: Any) -> None:
-        self._course = InputCurves(self)
+        self._curves = InputCurves(self)
         super().__init__(*arguments)
 
     # What differs between the versions.
@@ -83,11 +83,11 @@ class Exchange(CompiledInstance):
         super().bind(inputs, u, outputs, y)
         self._u = u
         self._sent = None
-        self._course.bind_inputs(inputs, self._blocks)
+        self._curves.bind_inputs(inputs, self._blocks)
 
     def _complete_arrays(self) -> None:
         super()._complete_arrays()
-        for block in self._course.blocks:
+        for block in self._curves.blocks:
             self._refill(block)
 
     def _begin(self, start_time: float) -> None:
@@ -111,7 +111,7 @@ class Exchange(CompiledInstance):
     def _set_time(self, time: float) -> None:
         """The instant at which the model is evaluated, with the inputs that belong to it."""
         self._call(self._SET_TIME, time)
-        self._course.set(time)
+        self._curves.set(time)
 
     def _get_nominals(self, values: Any, count: int) -> None:
         if self._NOMINALS in self._slave._functions:
@@ -131,7 +131,7 @@ class Exchange(CompiledInstance):
         """See CompiledInstance.reset."""
         self._drop_integrator()
         self._running, self._wants_end, self._sent = False, False, None
-        self._course.hold()
+        self._curves.hold()
         super().reset()
 
     def free(self) -> None:
@@ -157,9 +157,9 @@ class Exchange(CompiledInstance):
 
     def write_inputs(self) -> None:
         """See FmuInstance.write_inputs; inputs that stay as they are cause no event."""
-        if self._course.given:
+        if self._curves.has_curve:
             self._sent = None  # the FMU holds the values at the end of the last curve
-        self._course.hold()
+        self._curves.hold()
         if self._sent is not None and np.array_equal(self._u, self._sent):
             return
         if self._u.size:
@@ -170,7 +170,7 @@ class Exchange(CompiledInstance):
 
     def write_input_derivatives(self, order: int, values: Array) -> None:
         """See FmuInstance.write_input_derivatives."""
-        self._course.follow(order, self._u, values)
+        self._curves.follow(order, self._u, values)
 
     # Steps.
 
@@ -183,7 +183,7 @@ class Exchange(CompiledInstance):
         self._time = self._reached = time = point.time
         if self._wants_end:
             return StepStatus.TERMINATED
-        self._course.begin(time)
+        self._curves.begin(time)
         end = point.time + point.step_size
         close = max(_CLOSE * point.step_size, 8.0 * ulp(end))
         if self._integrator is not None:

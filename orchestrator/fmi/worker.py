@@ -19,7 +19,7 @@ from .log_file import logs_in
 __all__ = ["main"]
 
 
-class _Given:
+class _UnpackedByParent:
     """An FMU that was unpacked by the process that started this one, and is removed by it."""
 
     corrupt = False
@@ -49,7 +49,7 @@ class _Server:
 
         made = instance_class(description)
         with logs_in(logs):
-            self.instance = made(name, path, description, _Given(folder), run_options)
+            self.instance = made(name, path, description, _UnpackedByParent(folder), run_options)
 
     def bind(self, inputs: list[str], outputs: list[str]) -> None:
         self._u, self._y = np.zeros(len(inputs)), np.zeros(len(outputs))

@@ -45,9 +45,9 @@ def sweep_slope(
             within[connection] = sources
 
     def fed_by(connection: Connection, rows: Mapping[Port, Array]) -> Array:
-        if connection.wire is None or instances.wires is None:
+        if connection.wire is None or instances.connections is None:
             return connection.gain * rows[connection.source]
-        slopes = instances.wires.slopes(connection, within[connection], instances.values)
+        slopes = instances.connections.slopes(connection, within[connection], instances.values)
         parts = [connection.gain * slope * rows[port] for port, slope in slopes.items()]
         return sum(parts[1:], parts[0])
 

@@ -173,7 +173,7 @@ class _Power:
         after, info = take(signals, begin, size)
         if info.status > StepStatus.WARNING:
             return Attempt(signals, info, 0.0, "", ())
-        given = self._instances.given(books.inputs)
+        given = self._instances.inputs_over_step(books.inputs)
         points = books.outputs(np.stack([signals.values, after.values]))
         sizes = np.array([size])
         inputs = np.broadcast_to(given, (1, 3, len(books.inputs)))
@@ -203,7 +203,7 @@ def create_estimate(
 def _noted(instances: Instances, after: Signals, size: float) -> tuple[Step, ...]:
     """The step that was taken, with its inputs if somebody keeps books of them."""
     places = instances.noted_inputs
-    return () if places is None else (Step(size, after.values, instances.given(places)),)
+    return () if places is None else (Step(size, after.values, instances.inputs_over_step(places)),)
 
 
 def allowed_energy(tolerance: Tolerance) -> float:

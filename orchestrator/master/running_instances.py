@@ -18,7 +18,7 @@ from ..fmi.working_directory import return_to, working_directory
 from ..system.connection import Connection, Port
 from ..system.initialisation import settle
 from ..system.instance_pool import InstancePool
-from ..system.running_connections import Wires
+from ..system.running_connections import RunningConnections
 from ..system.signal_vector import Layout, Signals, Wired
 from ..system.system import System
 from .nonfinite import NonFiniteSources
@@ -97,7 +97,7 @@ class Instances:
         self._parts = [one.ratio.denominator for one in system.instances]
         self._begun: dict[int, Point] = {}
         # Connections with effects; None spares systems without them every further question.
-        self.wires = Wires(layout) if layout.wired else None
+        self.connections = RunningConnections(layout) if layout.wired else None
         self._uncommitted = False
 
     # What masters use.
@@ -120,8 +120,8 @@ class Instances:
             wired: connections that make a signal of them (`layout.wired_to`).
         """
         self._values[places] = values
-        if wired and self.wires is not None:
-            self.wires.try_out(wired, time, self._values)
+        if wired and self.connections is not None:
+            self.connections.try_out(wired, time, self._values)
 
     @property
     def values(self) -> Array:
@@ -178,7 +178,7 @@ class Instances:
             self._direct[index] = np.array([name in direct for name in names], np.bool_)
         return self._direct[index]
 
-    def given(self, places: NDArray[np.intp]) -> Array:
+    def inputs_over_step(self, places: NDArray[np.intp]) -> Array:
         """What inputs were given over the latest step of their instance.
 
         Args:
@@ -215,8 +215,8 @@ class Instances:
 
     def hold(self, index: int, point: Point) -> None:
         """An instance's step does not end where that from the point does: its outputs stay until there."""
-        if self.wires is not None:
-            self.wires.follow(index, point.time + point.step_size, self._values)
+        if self.connections is not None:
+            self.connections.follow(index, point.time + point.step_size, self._values)
 
     def advance(self, index: int, point: Point) -> StepStatus:
         """Set an instance's inputs, step it and read its outputs into the vector.
@@ -239,8 +239,8 @@ class Instances:
                 one.read_outputs()
                 if self.layout.text_outputs[index]:
                     self._read_texts(index)
-                if self.wires is not None:
-                    self.wires.follow(index, point.time + point.step_size, self._values)
+                if self.connections is not None:
+                    self.connections.follow(index, point.time + point.step_size, self._values)
         except StepError as error:
             self.nonfinite_sources.blame_inputs(index, point, error)
             raise
@@ -295,7 +295,7 @@ class Instances:
 
         With them goes what all effects remember.
         """
-        remembered = self.wires.saved() if self.wires is not None else None
+        remembered = self.connections.saved() if self.connections is not None else None
         saved = [(self.running[index], self.running[index].save_state()) for index in indices]
 
         def back() -> None:
@@ -323,9 +323,9 @@ class Instances:
             time: the instant they belong to [s], for messages; None before the first.
         Raises: StepError naming the first variable that is not a finite number.
         """
-        if self.wires is not None and self._uncommitted and time is not None:
+        if self.connections is not None and self._uncommitted and time is not None:
             self._uncommitted = False
-            self.wires.commit(time, self._values)
+            self.connections.commit(time, self._values)
         # A search in bytes, since a reduction of the Boolean array would cost four times as much per step.
         np.isfinite(self._values, self._finite)
         if 0 in self._finite.tobytes():
@@ -385,11 +385,11 @@ class Instances:
 
     def _made(self, connection: Connection, values: Mapping[Port, Value], time: float) -> float:
         """The signal of a connection with effects, of values of its sources at the start."""
-        assert self.wires is not None
+        assert self.connections is not None
         for port in connection.sources:
             self._values[self.layout.index[port]] = values[port]
         chain = self.layout.chain(connection)
-        self.wires.try_out(chain, time, self._values)
+        self.connections.try_out(chain, time, self._values)
         for one in chain:
             if not np.isfinite(self._values[one.place]):
                 self.nonfinite_sources.raise_made(one, None)

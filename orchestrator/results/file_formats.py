@@ -242,7 +242,7 @@ def _identifier(name: str) -> str:
 
 
 def write_mat(path: Path, recorded: Recorded) -> None:
-    """Write a MATLAB 5 file: `time`, a struct per instance, `units` alike, `names` as in the config."""
+    """Write a MATLAB 5 file: `time`, a struct per instance, `units` likewise, `names` as in the config."""
     from scipy.io import savemat
 
     about = {"parameters": recorded.parameters, "provenance": recorded.provenance}

@@ -212,7 +212,7 @@ def _loop(
             signals, info = master.step(instances.system, instances, point, signals)
             info.raise_on_failure(point)
             if ledger is not None:
-                given = instances.given(ledger.books.inputs)
+                given = instances.inputs_over_step(ledger.books.inputs)
                 parts = info.parts or (Step(point.step_size, signals.values, given),)
 
 

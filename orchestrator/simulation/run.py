@@ -94,7 +94,7 @@ def _run_in(
     made = RunResult(results, Summary(summary), prepared, folder)
     if ledger:
         summary["coupling"] = ledger.summary()
-        made.coupling = _course(ledger)
+        made.coupling = _energy_signals(ledger)
     failed: OrchestratorError | None = None
     try:
         measured = _measure(prepared.measures, results)
@@ -205,9 +205,9 @@ def _run_once(
     return results, statistics, ledger
 
 
-def _course(ledger: Ledger) -> Results:
+def _energy_signals(ledger: Ledger) -> Results:
     """Energies of the power bonds over time."""
-    time, energies = ledger.course()
+    time, energies = ledger.energies_over_time()
     signals = {
         f"{name}.{what}": column
         for name, columns in energies.items()

@@ -15,13 +15,13 @@ from . import checks
 from .algebraic_loops import algebraic_loops
 from .array_start_values import elementwise
 from .connection import Connection, Port
-from .connections import Ends, connect, elements, meant
-from .instance_models import Part, parts_of
+from .connections import Ends, connect, elements, intended_inputs
+from .instance_models import Part, configured_instances
 from .power_bonds import Bond, declared_bonds, find_bonds
 from .start_values import inputs_with_unreadable_start, remarks, resolve_start_values
 from .system import Instance, System
 
-__all__ = ["Judged", "Part", "assemble_parts", "judge_system"]
+__all__ = ["Judged", "Part", "assemble_instances", "judge_system"]
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def judge_system(
     """
     config, gaps = draft.config, draft.gaps
     assert config is not None
-    model, made = config.model, parts_of(draft)
+    model, made = config.model, configured_instances(draft)
     asked = ("step_size", "any_step", "interface", "event_mode", "isolate")
     unsettled = {
         part.name for part in made.parts if not all(gaps.whole("instances", part.name, key) for key in asked)
@@ -63,7 +63,7 @@ def judge_system(
     unchecked = (f"ports and start values of {listed(missing)}",) if missing else ()
     record = [] if model.run.record == "all" else list(model.run.record)
     known = gaps.knows("run", "step_size")
-    judged = assemble_parts(
+    judged = assemble_instances(
         made.parts,
         model.connections,
         record=None
@@ -87,7 +87,7 @@ def judge_system(
     )
 
 
-def assemble_parts(
+def assemble_instances(
     parts: Sequence[Part],
     connections: Iterable[str | ConnectionModel | Mapping[str, Any] | None],
     *,
@@ -216,13 +216,13 @@ def _stated(
 ) -> tuple[list[Ends], list[Ends], set[str]]:
     """Take connections apart, element by element.
 
-    Returns: the elements, before those of a connection that has problems the whole of it; the elements alone;
+    Returns: the elements, and, of a connection with problems, all of it before them; the elements alone;
         all inputs that are fed, or may be meant to be.
     """
     stated: list[Ends] = []
     single: list[Ends] = []
     fed: set[str] = set()
-    every, unknown = meant(Ends(0, (), ""), descriptions), gaps.further("connections")
+    every, unknown = intended_inputs(Ends(0, (), ""), descriptions), gaps.further("connections")
     for index, connection in enumerate(connections):
         # Also an unknown one: it may feed any input.
         known = gaps.whole("connections", index)
@@ -231,7 +231,7 @@ def _stated(
         fed.update(targets)
         there = whole.target in every or whole.target.partition(".")[0] in absent.names
         if targets == [whole.target] and not there:
-            like = meant(whole, descriptions)
+            like = intended_inputs(whole, descriptions)
             unknown |= bool(every) and like >= every
             fed |= like
         problems += wrong

@@ -13,7 +13,7 @@ from ..config import Config, Draft, load_config
 from ..config.models import SystemModel
 from ..fmi import Causality
 from .external import read_header
-from .instance_models import Part, parts_of
+from .instance_models import Part, configured_instances
 
 __all__ = ["requested"]
 
@@ -41,7 +41,7 @@ def requested(
     config = load_config(source, overrides)
     if inputs is None and not record:
         return config
-    data, problems, made = config.model.to_data(), list[Problem](), parts_of(Draft(config))
+    data, problems, made = config.model.to_data(), list[Problem](), configured_instances(Draft(config))
     if made.problems:
         # The check of the config reports them with all others.
         return config

@@ -19,7 +19,7 @@ from ..fmi import Causality, Kind, ModelDescription
 from . import checks
 from .connection import Connection, Leg, Link, Port, Wire
 
-__all__ = ["Ends", "connect", "elements", "meant"]
+__all__ = ["Ends", "connect", "elements", "intended_inputs"]
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def elements(
     )
 
 
-def meant(ends: Ends, descriptions: Mapping[str, ModelDescription]) -> set[str]:
+def intended_inputs(ends: Ends, descriptions: Mapping[str, ModelDescription]) -> set[str]:
     """The inputs that a connection may be meant for: its target or, if that is none, those of a like name."""
     name, _, variable = ends.target.partition(".")
     if not variable:

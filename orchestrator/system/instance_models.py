@@ -15,7 +15,7 @@ from ..fmi import Causality, CompiledFmu, Fmu, Interface, RunOptions, Variabilit
 from .connections import Ends
 from .external import SUFFIX, ExternalFmu, SignalFmu, targets_of
 
-__all__ = ["Part", "Parts", "parts_of"]
+__all__ = ["ConfiguredInstances", "Part", "configured_instances"]
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Parts:
+class ConfiguredInstances:
     """Configured instances of a config.
 
     Attributes:
@@ -54,7 +54,7 @@ class Parts:
     problems: tuple[Problem, ...]
 
 
-def parts_of(draft: Draft) -> Parts:
+def configured_instances(draft: Draft) -> ConfiguredInstances:
     """The configured instances, as far as they are known."""
     config, gaps = draft.config, draft.gaps
     assert config is not None
@@ -92,7 +92,7 @@ def parts_of(draft: Draft) -> Parts:
     absent = Absent(frozenset({*names, *(name.partition(".")[0] for name in names)} - there))
     if gaps.further("instances") or gaps.further("external"):
         absent = absent.but(there)
-    return Parts(parts, absent, frozenset(unsettled), tuple(problems))
+    return ConfiguredInstances(parts, absent, frozenset(unsettled), tuple(problems))
 
 
 def _structural(fmu: Fmu, start: Mapping[str, Any]) -> dict[str, Any]:

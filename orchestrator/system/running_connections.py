@@ -13,10 +13,10 @@ from ..fmi import Array
 from .connection import Connection, Port
 from .signal_vector import Layout, Wired
 
-__all__ = ["Wires"]
+__all__ = ["RunningConnections"]
 
 
-class Wires:
+class RunningConnections:
     """Evaluates the connections with effects of a layout.
 
     Attributes:

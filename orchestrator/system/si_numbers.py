@@ -14,7 +14,7 @@ from ..config.overrides import override_path
 from ..config.text import copied, flow
 from ..effects.choose import with_units
 from ..fmi import Variable
-from .instance_models import parts_of
+from .instance_models import configured_instances
 
 __all__ = ["SiNumbers", "in_config_units"]
 
@@ -69,7 +69,7 @@ class SiNumbers:
     @cached_property
     def _variables(self) -> Mapping[str, Mapping[str, Variable]]:
         # What is wrong with FMUs is reported when the system is checked.
-        parts = parts_of(Draft(self._config)).parts
+        parts = configured_instances(Draft(self._config)).parts
         return {part.name: part.fmu.description.variables for part in parts}
 
     def override(self, path: str, value: Any) -> str:

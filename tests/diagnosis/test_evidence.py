@@ -473,6 +473,6 @@ def test_a_sensor_with_a_cycle_of_its_own_is_not_one_that_loses_samples():
     for one, told in ((odd, True), (lost, False)):
         group = weigh_rig(one)
         assert "sensor.dropout" in group.answers[1].effects
-        assert (group.answers[1].odd > 500.0) == told
+        assert (group.answers[1].nonrandom > 500.0) == told
         found = calibration().probabilities(group.answers, group.outside)[-1]
         assert found > 0.99 if told else found < 0.2

@@ -37,8 +37,8 @@ def test_noise_alone_tells_nothing_of_wrong_times():
 
 def placed(force: np.ndarray, **rest: float) -> str:
     touching = (T % 0.5) > 0.4
-    other = {name: value for name, value in rest.items() if name != "odd"}
-    return part_of_chain(NOTHING._replace(**other), [force], [touching], rest.get("odd", 0.0))
+    other = {name: value for name, value in rest.items() if name != "sensor_only"}
+    return part_of_chain(NOTHING._replace(**other), [force], [touching], rest.get("sensor_only", 0.0))
 
 
 def test_a_force_that_strays_beside_contacts_is_the_sensors():
@@ -49,7 +49,7 @@ def test_a_force_that_strays_beside_contacts_is_the_sensors():
 def test_the_part_that_strays_more_is_the_place():
     assert placed(noise(1), moved=30.0) == "robot"
     assert placed(noise(1), moved=30.0, pushed=31.0) == "contact"
-    assert placed(noise(1), moved=30.0, pushed=25.0, odd=25.0) == "sensor"
+    assert placed(noise(1), moved=30.0, pushed=25.0, sensor_only=25.0) == "sensor"
 
 
 @pytest.mark.parametrize(

@@ -148,8 +148,8 @@ def test_what_is_odd_counts_whatever_evidence_there_is():
     learned = Calibration(floor=0.0, leaves={"a.x": 0.05})
     none = Answer((), 0.0, 500.0)
 
-    def outside(gain, left=0.0, odd=0.0):
-        return learned.probabilities([none, Answer(("a.x",), gain, left, odd=odd)], 0.0)[-1]
+    def outside(gain, left=0.0, nonrandom=0.0):
+        return learned.probabilities([none, Answer(("a.x",), gain, left, nonrandom=nonrandom)], 0.0)[-1]
 
     def odds(p):
         return p / (1.0 - p)
@@ -157,7 +157,9 @@ def test_what_is_odd_counts_whatever_evidence_there_is():
     # Of a strong effect much may be left since its form is not the catalogue's; but chance is chance.
     assert outside(5e4, left=60.0) < 0.1 * outside(90.0, left=60.0)
     for gain in (90.0, 5e4):
-        assert odds(outside(gain, odd=6.0)) == pytest.approx(np.exp(6.0) * odds(outside(gain)), rel=1e-3)
+        assert odds(outside(gain, nonrandom=6.0)) == pytest.approx(
+            np.exp(6.0) * odds(outside(gain)), rel=1e-3
+        )
 
 
 def test_three_effects_make_something_outside_likelier_by_what_was_learned_of_them():

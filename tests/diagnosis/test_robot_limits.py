@@ -66,7 +66,7 @@ def test_roughness_is_larger_where_a_limit_leads_the_rig():
     limit = (catalogue()["robot.acceleration-limit"],)
     begin = weighing.fitter().normalised({}, limit, np.array([values["acceleration_limit"]]))
     fit = weighing.fitter().fit(limit, None, begin[-1:])
-    usual, there = (np.linalg.norm(one.roughness()) for one in (weighing, weighing.beside(fit)))
+    usual, there = (np.linalg.norm(one.roughness()) for one in (weighing, weighing.linearised_about(fit)))
     assert there > 3.0 * usual > 0.0
 
 
@@ -98,7 +98,7 @@ def test_what_contacts_do_that_are_elsewhere_is_no_noise_of_the_force():
     assert first.coloured > 3.0
     group = weigh_rig(own)
     best = max(group.answers, key=lambda one: one.gain)
-    assert best.effects == tuple(one.id for one in pair) and best.odd == 0.0
+    assert best.effects == tuple(one.id for one in pair) and best.nonrandom == 0.0
     assert calibration().probabilities(group.answers, group.outside)[-1] < 0.3
 
 

@@ -18,8 +18,7 @@ from orchestrator.diagnosis.rig.finding import Augmented
 from orchestrator.diagnosis.rig.motion import Phase, contacts, phases
 from orchestrator.diagnosis.rig.residual_ledger import energies, ledger
 from orchestrator.diagnosis.rig.restart import Restart
-from orchestrator.diagnosis.rig.shapley import shapley_shares, where
-from orchestrator.diagnosis.rig.sharing import shapley_values
+from orchestrator.diagnosis.rig.shapley import shapley_shares, shapley_values, where
 from orchestrator.diagnosis.rig.study import Role, load_study
 from tests.diagnosis.labs import NONE, found, lab, model
 
@@ -124,14 +123,14 @@ def test_with_all_residuals_injected_the_loop_follows_the_log():
 @given(gaps=st.lists(st.floats(0.0, 1e3), min_size=16, max_size=16))
 @settings(max_examples=50, deadline=None)
 def test_shapley_values_add_up(gaps):
-    values = shapley_values(gaps, 4)
+    values = shapley_values(gaps)
     assert values.sum() == pytest.approx(gaps[0] - gaps[-1], abs=1e-9)
 
 
 def test_a_component_that_changes_nothing_has_no_share():
     # Only the second player lessens the gap; coalitions in the order of `combinations`.
     gaps = [1.0, 1.0, 0.2, 1.0, 1.0, 0.2, 1.0, 1.0, 0.2, 0.2, 1.0, 0.2, 0.2, 1.0, 0.2, 0.2]
-    assert shapley_values(gaps, 4) == pytest.approx([0.0, 0.8, 0.0, 0.0], abs=1e-12)
+    assert shapley_values(gaps) == pytest.approx([0.0, 0.8, 0.0, 0.0], abs=1e-12)
 
 
 @pytest.mark.parametrize(("ids", "theta"), FAULTS, ids=str)

@@ -30,7 +30,7 @@ from orchestrator.system.assembly import Part
 def test_what_the_bonds_create_is_what_the_whole_gains(name):
     """Every component conserves energy exactly, so that all drift of the sum is the coupling's."""
     results, ledger = simulated(two_masses(), name, 60)
-    time, course = ledger.course()
+    time, course = ledger.energies_over_time()
     drift = energy(results) - energy(results)[0]
     assert time.tolist() == results.time.tolist()
     assert sum(column[:, 2] for column in course.values()) == pytest.approx(drift, rel=1e-9, abs=1e-11)
@@ -63,7 +63,7 @@ def velocity_oscillator():
 def test_flows_are_integrated_exactly_where_inputs_are_held(name):
     results, ledger = simulated(velocity_oscillator(), name, 50)
     whole = results["mass.velocity"] ** 2 / 2 + results["spring.energy"]
-    _, course = ledger.course()
+    _, course = ledger.energies_over_time()
     assert course["spring-mass"][:, 2] == pytest.approx(whole - whole[0], rel=1e-9, abs=1e-12)
     assert np.abs(whole - whole[0]).max() > 1e-4
 
@@ -94,7 +94,7 @@ def test_jacobi_adds_energy_at_every_instant_and_iterative_takes_it():
     _, late = simulated(oscillator(), "jacobi", 600, 6)
     _, early = simulated(oscillator(), {"name": "iterative", "tolerance": 1e-12}, 600, 6)
     for ledger, sign in ((late, 1.0), (early, -1.0)):
-        _, course = ledger.course()
+        _, course = ledger.energies_over_time()
         per_second = np.diff(sign * course["spring-mass"][::100, 2])
         assert (per_second > 0.0).all()
     # Over a period: the position is held half a step late, the force is a whole one behind the spring's own.
@@ -124,7 +124,7 @@ def test_the_course_of_a_long_run_is_thinned_and_its_sums_are_not(monkeypatch, l
         monkeypatch.setattr("orchestrator.master.energy.ledger._MOST_KEPT", most)
         ledger = Ledger(prepared.system)
         simulate(prepared.system, prepared.master, prepared.grid, loop=loop, ledger=ledger)
-        found.append((*ledger.course(), ledger.summary()))
+        found.append((*ledger.energies_over_time(), ledger.summary()))
     (times, whole, summary), (fewer, course, other) = found
     every = next(n for n in (2**power for power in range(20)) if len(times[::n]) <= 100)
     assert fewer.tolist() == times[::every].tolist()
@@ -266,7 +266,7 @@ def test_both_loops_keep_the_same_books(master, every, effects):
     for loop in ("python", "native"):
         ledger = Ledger(prepared.system, every=every)
         simulate(prepared.system, prepared.master, prepared.grid, loop=loop, ledger=ledger)
-        courses.append((*ledger.course(), ledger.accounts()["contact-satellite"]))
+        courses.append((*ledger.energies_over_time(), ledger.accounts()["contact-satellite"]))
     (times, one, account), (other_times, other, other_account) = courses
     assert times.tolist() == other_times.tolist()
     assert one["contact-satellite"] == pytest.approx(other["contact-satellite"], abs=1e-14)

@@ -36,11 +36,11 @@ class Answer:
             effects that draw; their form is not that of an equation, which others could correct.
         left: unexplained by it [nats]; parts: what that is made of, of the runs that were searched in, then
             of all, see `held_out.UnexplainedEvidence`, if any.
-        odd: log likelihood that what it holds to be random is not [nats].
+        nonrandom: log likelihood that what it holds to be random is not [nats].
         fit: the model; None for outside, and for what was not fitted itself.
         noises: stochastic effects among the effects.
         unseen: effects among them without evidence in the logs; they are too small to be seen.
-        numerics: part of what is left that the replay's own error may cause [nats]; see
+        numerics: part of `left` that the replay's own error may cause [nats]; see
             `residual_evidence.own_error`.
         size: of the strongest effect with evidence, see `Effect.size`; 0 where none has one.
         doubtful: whether it holds tolerances to be wider than stated, by whose log evidence it gains.
@@ -53,7 +53,7 @@ class Answer:
     ties: tuple[str, ...] = ()
     noises: tuple[Noise, ...] = ()
     unseen: tuple[str, ...] = ()
-    odd: float = 0.0
+    nonrandom: float = 0.0
     random: float = 0.0
     numerics: float = 0.0
     size: float = 0.0

@@ -34,7 +34,7 @@ def any_law(
 ) -> tuple[float, float]:
     """Log evidence that a law is in what a fit leaves, of the encoder and of the force [nats].
 
-    The mean square of what is left drowns a small law in the noise of all samples; this looks along families
+    The mean square of the residual hides a small law in the noise of all samples; this looks along families
     of shapes: of a contact's force, of what a sensor may remember of contacts, of what the servo makes of
     accelerations. Their sizes are normal, and the evidence is that of a linear model over none (Bishop:
     Pattern Recognition and Machine Learning, 2006, eq. 3.86), in which calibration and effects go along.

@@ -55,7 +55,7 @@ class Weighable(Protocol):
     gain: float
     left: float
     unseen: tuple[str, ...]
-    odd: float
+    nonrandom: float
     random: float
     numerics: float
     size: float
@@ -72,7 +72,7 @@ class Table:
     """Answers of a group as arrays; see `Calibration.table`.
 
     Attributes:
-        gain, left, odd: see `answers.Answer`; formed: the gain without that of random effects.
+        gain, left, nonrandom: see `answers.Answer`; formed: the gain without that of random effects.
         whole: residual evidence without parts [nats].
         seen, unseen: number of effects with evidence in the logs, and without.
         replay_error: part of the residual evidence that the replay's own error may cause [nats].
@@ -87,7 +87,7 @@ class Table:
     formed: Array
     left: Array
     whole: Array
-    odd: Array
+    nonrandom: Array
     replay_error: Array
     usual: Array
     seen: Array
@@ -214,7 +214,7 @@ class Calibration:
             np.array([one.gain - one.random for one in answers]),
             left,
             np.array([0.0 if one.parts else one.left for one in answers]),
-            np.array([one.odd for one in answers]),
+            np.array([one.nonrandom for one in answers]),
             replay_error,
             usual,
             np.array([len(one.effects) for one in answers]) - unseen,
@@ -251,7 +251,7 @@ class Calibration:
         # Much stays unexplained of a strong effect whose form is not quite the textbook's.
         u = np.maximum(of.whole - of.replay_error, 0.0) + np.expand_dims(beside, -1)
         excess = of.excess @ np.asarray(self.slopes) + self.beyond * np.maximum(of.excess.max(-1) - _FAR, 0.0)
-        excess = excess + self.slope * np.log1p(u / of.usual) + of.odd
+        excess = excess + self.slope * np.log1p(u / of.usual) + of.nonrandom
         excess = excess + self.several * np.clip(more, 0.0, 1.0) + self.many * np.maximum(more - 1.0, 0.0)
         outside = logsumexp(priced, -1, keepdims=True) - logsumexp(priced - excess, -1, keepdims=True)
         outside = outside + top - self.outside

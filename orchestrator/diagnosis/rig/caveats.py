@@ -37,7 +37,7 @@ def _elsewhere(diagnosis: Diagnosis) -> str:
     shares = {one.place: one.share for one in diagnosis.where}
     first = max(shares, key=lambda place: shares[place])
     own = max(shares.get(place, 0.0) for place in places)
-    if first in _alike(diagnosis) or shares[first] < _MOST or shares[first] < _TIMES * own:
+    if first in _indistinguishable(diagnosis) or shares[first] < _MOST or shares[first] < _TIMES * own:
         return ""
     one = len(effects) == 1
     return (
@@ -49,7 +49,7 @@ def _elsewhere(diagnosis: Diagnosis) -> str:
 
 def _as_one(diagnosis: Diagnosis) -> str:
     """That something outside the catalogue may be elsewhere in a chain that logs drive as one."""
-    others = sorted(_alike(diagnosis) - set(diagnosis.verdict.places))
+    others = sorted(_indistinguishable(diagnosis) - set(diagnosis.verdict.places))
     if diagnosis.verdict.effects != ["outside"] or not others:
         return ""
     chain, own = _listed(sorted([*diagnosis.verdict.places, *others])), _listed(diagnosis.verdict.places)
@@ -101,7 +101,7 @@ def _moved(diagnosis: Diagnosis, key: str) -> dict[str, float]:
     }
 
 
-def _alike(diagnosis: Diagnosis) -> set[str]:
+def _indistinguishable(diagnosis: Diagnosis) -> set[str]:
     """Places that the logs cannot separate from those named: of tied effects, and of the same component."""
     named = set(diagnosis.verdict.places)
     effects = set(diagnosis.verdict.effects)

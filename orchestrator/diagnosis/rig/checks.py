@@ -44,7 +44,7 @@ def check_logs(study: Study) -> tuple[list[Problem], list[Problem]]:
     if not refused:
         refused += _twice(study) + _masses(study)
     if not refused:
-        warned += _left_early(study)
+        warned += _ended_early(study)
         fewest, few = _contacts(study)
         refused += fewest
         warned += few + _repeats(study)
@@ -182,7 +182,7 @@ def _stuck(run: Run) -> list[Problem]:
     return found
 
 
-def _left_early(study: Study) -> list[Problem]:
+def _ended_early(study: Study) -> list[Problem]:
     """Runs that end much earlier than others, although they stayed within their range."""
     longest = max(len(run) for run in study.runs)
     return [

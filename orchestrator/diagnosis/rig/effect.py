@@ -153,7 +153,7 @@ class Seen:
         tick: of the rig's software [s].
         commands: the last ones sent before each tick of a run, by run, shape (n,) [m].
         position: of the robot as measured, by run, shape (n,) [m].
-        strayed: measured minus replayed position of the robot at the ticks, by run, shape (n,) [m].
+        position_error: measured minus replayed position of the robot at the ticks, by run, shape (n,) [m].
         lag: of the replayed servo: natural frequency [rad/s], damping ratio [1], response delay [s].
     """
 

@@ -256,7 +256,7 @@ class Fitter:
             by: a fitter of those runs.
         Returns: the fit, and derivatives of the stacked residuals by its normalised parameters.
         """
-        z = self._left_open(fit, by)
+        z = self._refitted_jagged(fit, by)
         r = self.stacked(fit.effects, z)
         jacobian = self.jacobian(fit.effects, z, r, range(len(z)))
         if np.isfinite(r).all():
@@ -270,7 +270,7 @@ class Fitter:
         here = self._fitted(fit.effects, z, r, cost_of(r, z), fit.log_determinant)
         return replace(here, deviation=fit.deviation), jacobian
 
-    def _left_open(self, fit: Fit, by: Fitter) -> Array:
+    def _refitted_jagged(self, fit: Fit, by: Fitter) -> Array:
         """Normalised parameters; those without derivatives are moved to their best values on these runs.
 
         Commands that are rounded equally by many resolutions in the other runs may be rounded differently

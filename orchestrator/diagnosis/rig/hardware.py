@@ -38,9 +38,9 @@ _KEPT, _WEAK = 12, 40.0
 _HOPELESS, _BELOW, _THREADS = 0.1, 30.0, 2
 # Tolerances are doubtful if a factor on all of them has some log evidence, and more than the best effects.
 # Each effect is one of many and costs `_EACH`. The factor costs `_SAME_KIND` if only calibrated numbers of
-# one kind deviate by more than `_STRAYED`, since one effect, such as a delay, moves all numbers of its kind.
+# one kind deviate by more than `_DEVIATES`, since one effect, such as a delay, moves all numbers of its kind.
 # A number that deviates alone, while no other does by more than `_BESIDE`, is attributed to an effect.
-_STRAYED, _BESIDE, _DOUBTED, _EACH, _SAME_KIND = 2.0, 1.8, 2.0, 2.0, 1.0
+_DEVIATES, _BESIDE, _DOUBTED, _EACH, _SAME_KIND = 2.0, 1.8, 2.0, 2.0, 1.0
 # A further effect that gains less is hardly named [nats].
 _LEAST_GAIN = 2.0
 # Log evidence of effects, and log likelihood of what they leave, from which roughness is linearised beside
@@ -124,7 +124,7 @@ def _weigh(
     if chance.apart and chance.losses is not None:
         losses = chance.losses
         packets = Noise(PACKETS, (losses.chance,), losses.log_evidence, uneven=chance.regular)
-        return _weigh(model.given(losses.shorter), {*without, PACKETS, JITTER}, rough, packets)
+        return _weigh(model.with_commands(losses.shorter), {*without, PACKETS, JITTER}, rough, packets)
     turns = rhythm(left[0::2], positions(model, found.best))
     # What an effect leaves where it is not fitted may look like a line, or hide a noise.
     last = _force(model, fitter, found.best)
@@ -136,7 +136,7 @@ def _weigh(
         # Where more runs make a small colour an effect, or a line hides it, it is what it was.
         if sensor.coloured == 1.0 and _coloured(at_last) == 1.0 and at_last.line == 0.0:
             judge = replace(judge, colour=at_last.colour)
-    odd = min(first.line, at_last.line) + first.held + min(first.spiky, at_last.spiky)
+    sensor_only = min(first.line, at_last.line) + first.held + min(first.spiky, at_last.spiky)
     even = {one.id: one.uneven for one in last.noises}
     noises = [replace(one, uneven=min(one.uneven, even.get(one.id, one.uneven))) for one in sensor.noises]
     noises += [lost] if lost is not None else []
@@ -160,8 +160,8 @@ def _weigh(
     }
     return Group(
         tuple(complete([nothing, *answers], every)),
-        odd + periodic,
-        place_outside(judge, found.none, odd, regular),
+        sensor_only + periodic,
+        place_outside(judge, found.none, sensor_only, regular),
         found.none,
         misfit,
         unjudged,
@@ -186,7 +186,7 @@ def _searched(weighing: Weighing, fitter: Fitter) -> tuple[Weighing, Fitter, Sea
         # Few effects: what further ones do may be roughness.
         most = [one for one in found.fits if found.gain(one) > _KEEPS * found.gain(about)]
         about = min(most, key=lambda one: len(one.effects))
-    beside = weighing.beside(about)
+    beside = weighing.linearised_about(about)
     by = beside.fitter()
     again = search(by, weighing.effects)
     little = unexplained(by.marginal.left(again.best.residuals)) < 2.0 * max(_MUCH, unexplained(left))
@@ -221,7 +221,7 @@ def _sensed(weighing: Weighing, without: Collection[str]) -> _Sensor:
         quick = search(fitter, weighing.effects, longest=1)
         if quick.fits:
             force = _force(model, fitter, quick.fits[0])
-    return _heard(weighing, force, without, waved)
+    return _with_noise(weighing, force, without, waved)
 
 
 def _quieter(weighing: Weighing, sensor: _Sensor, found: Search, without: Collection[str]) -> _Sensor | None:
@@ -238,10 +238,10 @@ def _quieter(weighing: Weighing, sensor: _Sensor, found: Search, without: Collec
     force = _force(weighing.model, by, replace(found.best, residuals=tuple(residuals)))
     if _coloured(force) > _QUIETER * sensor.coloured:
         return None
-    return _heard(weighing, force, without, None)
+    return _with_noise(weighing, force, without, None)
 
 
-def _heard(weighing: Weighing, force: Force, without: Collection[str], waved: Array | None) -> _Sensor:
+def _with_noise(weighing: Weighing, force: Force, without: Collection[str], waved: Array | None) -> _Sensor:
     """Noise and stochastic effects of the force; updates the weights of its samples.
 
     Args:
@@ -321,7 +321,7 @@ def _linked(
         level = min(level, gains[own] + arrivals(weighing.model, fit, rest, False).log_evidence)
     raised, unforeseen = level - beside[0].gain, unexplained(chance.unforeseen)
     beside = [
-        _behind(replace(one, gain=one.gain + raised, odd=one.odd + chance.regular), unforeseen)
+        _behind(replace(one, gain=one.gain + raised, nonrandom=one.nonrandom + chance.regular), unforeseen)
         for one in beside
     ]
     answers = sorted([*answers, *beside, *other_link(beside, links)], key=lambda one: -one.gain)
@@ -374,7 +374,7 @@ def _tolerance_evidence(weighing: Weighing, fit: Fit) -> tuple[float, float]:
         fit: without any effect, or with those that act anyway.
     """
     kinds = [max(abs(fit.deviation.get(name, 0.0)) for name in kind) for kind in KINDS]
-    far = sum(most > _STRAYED for most in kinds)
+    far = sum(most > _DEVIATES for most in kinds)
     each = _EACH if far > 1 else _SAME_KIND
     second = sorted(map(abs, fit.deviation.values()))[-2:-1]
     if not far or max(second, default=0.0) < _BESIDE:
@@ -423,8 +423,8 @@ def _answers(
             random = sum(one.log_evidence for one in some)
             every = tuple(sorted((*names, *(one.id for one in some))))
             if every:
-                odd, size = sum(one.uneven for one in some), strongest(fit, some)
-                details = {"odd": odd, "random": random, "numerics": rest.own_error, "size": size}
+                nonrandom, size = sum(one.uneven for one in some), strongest(fit, some)
+                details = {"nonrandom": nonrandom, "random": random, "numerics": rest.own_error, "size": size}
                 answers.append(
                     Answer(every, over + random, rest.total, fit, (), some, parts=rest.parts, **details)
                 )

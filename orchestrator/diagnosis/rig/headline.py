@@ -51,7 +51,7 @@ def _answer(diagnosis: Diagnosis) -> str:
                 f"No effect is named: the logs hint at {likelier} ({percent(hint.probability)}), but by less "
                 f"than a nat over none ({percent(first.probability)})."
             )
-        times = 0.0 if gap is None else _strayed(gap)
+        times = 0.0 if gap is None else _error_over_noise(gap)
         if times > _MISFITS:
             larger = f"{times:.1f} times" if math.isfinite(times) else "beyond"
             text = (
@@ -109,7 +109,7 @@ def _contradicted(gap: Gap) -> bool:
     return gap.closure < 0.0 and (gap.interval is None or gap.interval[1] < 0.0)
 
 
-def _strayed(gap: Gap) -> float:
+def _error_over_noise(gap: Gap) -> float:
     """Error of the calibrated model on held-out runs over the noise; 0 where it is within, or unknown."""
     if gap.within_floor or not gap.noise_floor or gap.before is None:
         return 0.0

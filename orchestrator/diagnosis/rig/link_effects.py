@@ -91,7 +91,7 @@ def arrivals(model: RigModel, fit: Fit, left: Sequence[Array], seek_losses: bool
     """
     seen, deviation = random_arrival(model, fit, left)
     losses = lost_commands(model, fit, left) if seek_losses else None
-    if losses is not None and _told_apart(model, fit, left, losses, seen):
+    if losses is not None and _are_losses(model, fit, left, losses, seen):
         return Arrivals(seen, 0.0, deviation, [], losses, apart=True)
     if seen <= _CLEAR:
         return Arrivals(seen, 0.0, deviation, [], losses)
@@ -100,7 +100,7 @@ def arrivals(model: RigModel, fit: Fit, left: Sequence[Array], seek_losses: bool
     return Arrivals(seen, log_evidence if log_evidence > _CLEAR else 0.0, deviation, unforeseen, losses)
 
 
-def _told_apart(model: RigModel, fit: Fit, left: Sequence[Array], losses: Losses, arrival: float) -> bool:
+def _are_losses(model: RigModel, fit: Fit, left: Sequence[Array], losses: Losses, arrival: float) -> bool:
     """Whether losses explain the encoder better than random arrivals do, and one by one.
 
     Not where they are so many that they run into each other.

@@ -158,7 +158,7 @@ class RigModel:
         self.pull = 0.0
         self.noise = study.noise("encoder"), study.noise("force")
 
-    def given(self, shorter: Sequence[Array]) -> RigModel:
+    def with_commands(self, shorter: Sequence[Array]) -> RigModel:
         """The same of runs whose commands arrived changed, by run, as those of `Seen`, shape (n,) [m]."""
         model = RigModel(self.study, self.runs, self.substeps)
         model.pull = self.pull

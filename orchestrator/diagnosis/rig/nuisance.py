@@ -29,7 +29,7 @@ __all__ = [
     "positions",
     "repeating",
     "scatter",
-    "settled",
+    "settling_weights",
     "touching",
     "waves",
 ]
@@ -83,7 +83,7 @@ class Widened(Weighted):
         return {name: (centre, WIDER * width) for name, (centre, width) in self.replay.tolerances.items()}
 
 
-def settled(ticks: int) -> Array:
+def settling_weights(ticks: int) -> Array:
     """Weights of a run's samples: none while it settles, shape (ticks,)."""
     weight = np.ones(ticks)
     weight[:SETTLED] = 0.0
@@ -98,10 +98,10 @@ def force_weights(runs: Sequence[Run], noise_factor: float, lost: bool) -> list[
     """
     weights = []
     for run in runs:
-        force = settled(len(run)) / noise_factor
+        force = settling_weights(len(run)) / noise_factor
         if lost:
             force[repeating(run["sensor_force"])] = 0.0
-        weights += [settled(len(run)), force]
+        weights += [settling_weights(len(run)), force]
     return weights
 
 
@@ -148,7 +148,7 @@ class Weighing:
     @staticmethod
     def of(model: RigModel, effects: Sequence[Effect], rough: Mapping[str, Sequence[float]]) -> Weighing:
         """Equal weights for all samples, zero before a run is settled."""
-        weights = [settled(len(run)) for run in model.runs for _ in range(2)]
+        weights = [settling_weights(len(run)) for run in model.runs for _ in range(2)]
         return Weighing(model, tuple(effects), rough, weights)
 
     def roughness(self) -> Array:
@@ -160,7 +160,7 @@ class Weighing:
             self.known[key] = roughness(Fitter(replay), self.effects, self.rough, self.about)
         return self.known[key]
 
-    def beside(self, about: Fit) -> Weighing:
+    def linearised_about(self, about: Fit) -> Weighing:
         """The same with roughness linearised beside a model's effects, for the same samples."""
         return replace(self, about=about, known={})
 

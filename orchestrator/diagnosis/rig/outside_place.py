@@ -34,14 +34,14 @@ _WRONG, _CHANCE = 15.0, 50.0
 _FEWEST = 100
 
 
-def place_outside(judge: Judge, none: Fit, odd: float, regular: float) -> str:
+def place_outside(judge: Judge, none: Fit, sensor_only: float, regular: float) -> str:
     """Place of an unknown effect, link, robot, contact or sensor, from the residual of all effects.
 
     An effect that imitates what is there leaves what it happens to, anywhere.
 
     Args:
         judge: of what fits leave; none: the fit of the calibration alone.
-        odd: log evidence of what only a sensor makes of a force, as a line [nats].
+        sensor_only: log evidence of what only a sensor makes of a force, as a line [nats].
         regular: log likelihood that what is random in the link keeps a period [nats].
     """
     by, fit, _ = judge.carried(none)
@@ -49,10 +49,10 @@ def place_outside(judge: Judge, none: Fit, odd: float, regular: float) -> str:
     late = wrong_times(left[0::2], positions(model, fit))
     # A line in the force shakes the commands, too: with more evidence for that, it comes from there. What
     # comes back at the same places of the way, as cogging, comes back in time where the robot's speed is one.
-    if late > (-_CHANCE if regular > _PERIOD else _WRONG) and not odd > max(_CLEAR, regular):
+    if late > (-_CHANCE if regular > _PERIOD else _WRONG) and not sensor_only > max(_CLEAR, regular):
         if not along_way(model, left) > _WAY:
             return "link"
-    return part_of_chain(judge.leaves(none).every, left[1::2], touching(model, fit), odd)
+    return part_of_chain(judge.leaves(none).every, left[1::2], touching(model, fit), sensor_only)
 
 
 def wrong_times(channels: Sequence[Array], positions: Sequence[Array]) -> float:
@@ -77,7 +77,7 @@ def wrong_times(channels: Sequence[Array], positions: Sequence[Array]) -> float:
 
 
 def part_of_chain(
-    rest: ResidualEvidence, forces: Sequence[Array], touching: Sequence[Array], odd: float
+    rest: ResidualEvidence, forces: Sequence[Array], touching: Sequence[Array], sensor_only: float
 ) -> str:
     """The robot, the contact, or the sensor, which shows beside contacts, too.
 
@@ -86,7 +86,7 @@ def part_of_chain(
     Args:
         rest: what none leaves; forces: its residuals of the force, by run.
         touching: whether the rod touches at each tick, by run.
-        odd: see `place_outside`.
+        sensor_only: see `place_outside`.
     """
     within = [near_contact(one)[: len(r)] for one, r in zip(touching, forces, strict=True)]
     flights, contacts = (
@@ -96,7 +96,7 @@ def part_of_chain(
     contacts = max(contacts, rest.contact)
     moved = max(rest.encoder, rest.moved, rest.shaken)
     pushed = max(rest.force, rest.pushed, rest.struck, rest.repeated, contacts, flights)
-    if odd > _CLEAR and pushed + odd > moved:
+    if sensor_only > _CLEAR and pushed + sensor_only > moved:
         return "sensor"
     if moved > pushed:
         return "robot"

@@ -112,7 +112,8 @@ def _kicked(position_error, commands, deviation, slow, omega, xi, delay, tick, n
     A change of the command that is late by s kicks the servo by omega^2 s times the change.
 
     Args:
-        strayed: measured minus replayed position, shape (n,) [m]; commands: as `run_rig` takes them [m].
+        position_error: measured minus replayed position, shape (n,) [m].
+        commands: as `run_rig` takes them [m].
         deviation: of the arrival [s]; slow: of a slow error of the position beside it [m].
         innovations: normalised, shape (n,); written.
     """

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from html import escape
 
-from ...plotting.page import aside, document, figure
-from ...plotting.page import bar as _bar
-from ...plotting.page import card as _card
+from ...plotting.page import aside, bar, card, details, document, figure, note, number, provenance, table
 from .catalogue import catalogue, in_words
 from .caveats import caveats
 from .effect import Effect
@@ -59,12 +57,12 @@ def compose(diagnosis: Diagnosis, figures: Mapping[str, str], assumed: Sequence[
     parts = [
         f"<p class=headline>{escape(headline(diagnosis))}</p>",
         aside("About the answer", caveats(diagnosis)),
-        _warnings(diagnosis),
+        aside("About the data", [f"{one.place}: {one.what}. {one.remedy}" for one in diagnosis.data]),
         "<div class=cards>",
-        _card("Which effect", _posterior(diagnosis)),
-        _card("Where the gap lies", _where(diagnosis)),
-        _card("How far it shrinks", _how_far(diagnosis)),
-        _card("What to run next", _next(diagnosis)),
+        card("Which effect", _posterior(diagnosis)),
+        card("Where the gap lies", _where(diagnosis)),
+        card("How far it shrinks", _how_far(diagnosis)),
+        card("What to run next", _next(diagnosis)),
         "</div>",
         "<h2>Residuals before and after</h2>",
         *(figure(drawn, words) for words, drawn in figures.items()),
@@ -72,14 +70,14 @@ def compose(diagnosis: Diagnosis, figures: Mapping[str, str], assumed: Sequence[
         ledger(diagnosis),
         energy(diagnosis),
         _calibration(diagnosis),
-        _assumptions(assumed),
-        _provenance(diagnosis),
+        f"<h2>What was assumed</h2>{_listing(assumed)}",
+        provenance(diagnosis.provenance, _digests(diagnosis)),
     ]
     return document(f"{diagnosis.case}: diagnosis of the sim-to-real gap", parts)
 
 
-def _number(value: float | None, digits: int = 3) -> str:
-    return "-" if value is None else f"{value:.{digits}g}"
+def _listing(sentences: Sequence[str]) -> str:
+    return f"<ul>{''.join(f'<li>{escape(one)}</li>' for one in sentences)}</ul>"
 
 
 def _posterior(diagnosis: Diagnosis) -> str:
@@ -92,16 +90,16 @@ def _posterior(diagnosis: Diagnosis) -> str:
         notes = [_in_words(effect, one.parameters) for effect in effects]
         if one.ties and (one is answer or one.probability >= _TIED):
             notes.append(f"tied with {', '.join(one.ties)}")
-        note = "; ".join(part for part in notes if part)
-        rows.append(_bar(label, one.probability, percent(one.probability), note, one is answer))
+        below = "; ".join(part for part in notes if part)
+        rows.append(bar(label, one.probability, percent(one.probability), below, one is answer))
     rest = 1.0 - sum(one.probability for one in shown)
     if rest > 1e-4:
-        rows.append(_bar("all others", rest, percent(rest)))
+        rows.append(bar("all others", rest, percent(rest)))
     answers = ", ".join(diagnosis.answer_set[:_NAMED])
     if len(diagnosis.answer_set) > _NAMED:
         more = len(diagnosis.answer_set) - _NAMED
         answers += f", and {more} more that the logs show too little of to exclude"
-    return "".join(rows) + (f"<p class=note>95 % answer set: {escape(answers)}</p>" if answers else "")
+    return "".join(rows) + (note(f"95 % answer set: {answers}") if answers else "")
 
 
 def _in_words(effect: Effect, parameters: Mapping[str, float]) -> str:
@@ -120,31 +118,27 @@ def _where(diagnosis: Diagnosis) -> str:
     if not diagnosis.where:
         return _left_out(diagnosis, "where")
     rows = [
-        _bar(one.place, one.share, percent(one.share), strong=one.place in diagnosis.verdict.places)
+        bar(one.place, one.share, percent(one.share), strong=one.place in diagnosis.verdict.places)
         for one in diagnosis.where
     ]
-    note = "Shares of the closed-loop gap on held-out runs; they add up to 100 %."
+    text = "Shares of the closed-loop gap on held-out runs; they add up to 100 %."
     if diagnosis.how_far is not None and diagnosis.how_far.within_floor:
-        note += " The gap is within the noise: they mean little."
-    return f"{''.join(rows)}<p class=note>{note}</p>"
+        text += " The gap is within the noise: they mean little."
+    return "".join(rows) + note(text)
 
 
 def _how_far(diagnosis: Diagnosis) -> str:
     gap = diagnosis.how_far
     if gap is None:
         return _left_out(diagnosis, "how_far")
-    rows = [("one contact ahead", gap)] + (
-        [("complete run", gap.full_run)] if gap.full_run is not None else []
-    )
-    body = "".join(f"<tr><th>{name}</th>{_gap_cells(one)}</tr>" for name, one in rows)
-    head = "".join(
-        f"<th>{one}</th>" for one in ("", "before", "after", "noise", "closed", "by calibration alone")
-    )
-    note = (
+    rows = [("one contact ahead", gap)]
+    rows += [("complete run", gap.full_run)] if gap.full_run is not None else []
+    heads = ("", "before", "after", "noise", "closed", "95 %", "by calibration alone")
+    text = (
         "Error of the model on held-out runs, relative to the size of the signals; "
         f"noise: {_noise_in_words(gap)}. High closure alone does not prove the cause."
     )
-    return f"<table><tr>{head}</tr>{body}</table><p class=note>{note}</p>"
+    return table(heads, [[name, *_gap_cells(one)] for name, one in rows]) + note(text)
 
 
 def _noise_in_words(gap: HowFar) -> str:
@@ -158,13 +152,12 @@ def _noise_in_words(gap: HowFar) -> str:
     return f"{text}; over complete runs none is known" if unknown else text
 
 
-def _gap_cells(gap: Gap) -> str:
+def _gap_cells(gap: Gap) -> list[str]:
     closed = "within the noise" if gap.within_floor else "-" if gap.closure is None else percent(gap.closure)
-    if gap.interval is not None and not gap.within_floor:
-        closed += f"<div class=note>{100 * gap.interval[0]:.0f} to {100 * gap.interval[1]:.0f} %</div>"
+    known = gap.interval is not None and not gap.within_floor
+    interval = "{:.0f} to {:.0f} %".format(*(100 * one for one in gap.interval)) if known else ""
     alone = "-" if gap.recalibration_only is None else percent(gap.recalibration_only)
-    cells = (*map(_number, (gap.before, gap.after, gap.noise_floor)), closed, alone)
-    return "".join(f"<td>{one}</td>" for one in cells)
+    return [*(number(one, 3) for one in (gap.before, gap.after, gap.noise_floor)), closed, interval, alone]
 
 
 def _next(diagnosis: Diagnosis) -> str:
@@ -177,54 +170,38 @@ def _next(diagnosis: Diagnosis) -> str:
     if one.expected_evidence is not None and one.expected_evidence < SEPARATES:
         return f"<p>{escape(UNTOLD[0].upper() + UNTOLD[1:])}.</p>"
     if one.between:
-        text += f"<p class=note>Between {escape(listed_or(one.between))}"
-        if one.expected_evidence is not None:
-            text += f": {nats(one.expected_evidence)} of evidence expected"
-        text += ".</p>"
-    if one.leaves and one.expected_evidence is not None and one.expected_evidence >= SEPARATES:
-        text += f"<p class=note>{escape(leaves_in_words(one))}</p>"
+        known = one.expected_evidence is not None
+        expected = f": {nats(one.expected_evidence)} of evidence expected" if known else ""
+        text += note(f"Between {listed_or(one.between)}{expected}.")
+    if one.leaves and one.expected_evidence is not None:
+        text += note(leaves_in_words(one))
     return text
 
 
 def _left_out(diagnosis: Diagnosis, name: str) -> str:
-    return f"<p class=note>Left out: {escape(diagnosis.left_out.get(name, 'no result'))}.</p>"
+    return note(f"Left out: {diagnosis.left_out.get(name, 'no result')}.")
 
 
 def _augmented(diagnosis: Diagnosis) -> str:
     one = diagnosis.augmented
     if one is None:
         return ""
-    items = "".join(f"<li>{escape(line)}</li>" for line in one.changed) or "<li>nothing</li>"
-    items += "".join(f"<li>Not in it: {escape(key)}: {escape(why)}</li>" for key, why in one.left_out.items())
+    missing = [f"Not in it: {key}: {why}" for key, why in one.left_out.items()]
     return (
         "<h2>The rig with the effects, to be run</h2>"
         f"<p><code>orchestrator run {escape(one.file)} --out augmented</code> co-simulates the rig with "
         f"mass, speed and duration of {escape(one.run)}. What differs from the rig as believed:</p>"
-        f"<ul>{items}</ul>"
+        + _listing([*(one.changed or ["nothing"]), *missing])
     )
-
-
-def _warnings(diagnosis: Diagnosis) -> str:
-    warnings = [f"{one.place}: {one.what}. {one.remedy}" for one in diagnosis.data]
-    items = "".join(f"<li>{escape(one)}</li>" for one in warnings)
-    return f"<aside><b>About the data</b><ul>{items}</ul></aside>" if items else ""
 
 
 def _calibration(diagnosis: Diagnosis) -> str:
-    rows = ""
+    heads = ("", "as calibrated (SI)", "tolerance", "moved, with effects", "moved, without effects")
+    rows = []
     for name, one in diagnosis.calibration.items():
         moved = [(one[key] - one["nominal"]) / one["tolerance"] for key in ("fitted", "recalibrated")]
-        cells = f"<td>{_number(one['nominal'], 6)}</td><td>{_number(one['tolerance'])}</td>"
-        cells += "".join(f"<td>{'<b>' if abs(by) > 3 else ''}{by:+.1f}</td>" for by in moved)
-        rows += f"<tr><th>{escape(name)}</th>{cells}</tr>"
-    head = "".join(
-        f"<th>{one}</th>"
-        for one in ("", "as calibrated (SI)", "tolerance", "moved, with effects", "moved, without effects")
-    )
-    return (
-        "<details><summary>Calibration</summary><p class=note>Moves in tolerances; more than 3 in bold.</p>"
-        f"<table><tr>{head}</tr>{rows}</table></details>"
-    )
+        rows.append([name, one["nominal"], one["tolerance"], *(round(by, 1) for by in moved)])
+    return details("Calibration", note("Moves in tolerances; more than 3 is much.") + table(heads, rows))
 
 
 def _assumed(study: Study, diagnosis: Diagnosis) -> list[str]:
@@ -265,22 +242,6 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
     return [*own, *omitted]
 
 
-def _assumptions(assumed: Sequence[str]) -> str:
-    items = "".join(f"<li>{escape(one)}</li>" for one in assumed)
-    return f"<h2>What was assumed</h2><ul>{items}</ul>"
-
-
-def _provenance(diagnosis: Diagnosis) -> str:
-    kept = diagnosis.provenance
-    packages = ", ".join(f"{name} {version}" for name, version in (kept.get("packages") or {}).items())
-    sums = kept.get("sha256") or {}
-    lines = "".join(
-        f"<tr><td>{escape(name)}</td><td><code>{escape(digest.removeprefix('sha256:'))}</code></td></tr>"
-        for name, digest in sums.items()
-    )
-    return (
-        f"<details><summary>Provenance</summary><p>{escape(str(kept.get('created', '')))}; Python "
-        f"{escape(str(kept.get('python', '')))}, {escape(str(kept.get('platform', '')))}; "
-        f"{escape(packages)}</p>"
-        f"<table>{lines}</table></details>"
-    )
+def _digests(diagnosis: Diagnosis) -> str:
+    sums = diagnosis.provenance.get("sha256") or {}
+    return table(("file", "SHA-256"), [[name, one.removeprefix("sha256:")] for name, one in sums.items()])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
+from ...plotting.page import note, table
 from .verdict import Diagnosis
 
 __all__ = ["energy", "ledger"]
@@ -26,9 +27,12 @@ def ledger(diagnosis: Diagnosis) -> str:
     for component in components:
         cells = [shares.get((component, phase, band), 0.0) for phase in phases for band in bands]
         body += f"<tr><th>{escape(component)}</th>{''.join(map(_heat, cells))}{_heat(sum(cells))}</tr>"
+    words = (
+        "Excess over noise, in percent of all of it, by component, phase of motion and frequency band. "
+        "Cells add up to 100."
+    )
     return (
-        "<h2>Residual energy</h2><p class=note>Excess over noise, in percent of all of it, by component, "
-        "phase of motion and frequency band. Cells add up to 100.</p>"
+        f"<h2>Residual energy</h2>{note(words)}"
         f"<div class=wide><table class=heat><tr><th></th>{head}"
         f"<th>all</th></tr><tr><th></th>{sub}<th></th></tr>{body}</table></div>"
     )
@@ -41,34 +45,19 @@ def _heat(share: float) -> str:
     return f'<td style="background:{colour}">{text.removeprefix("-") if float(text) == 0 else text}</td>'
 
 
-def _signed(value: float | None) -> str:
-    """A share or an energy; "-" where a model runs away."""
-    return "-" if value is None else f"{value:+.4f}"
-
-
 def energy(diagnosis: Diagnosis) -> str:
-    """Energy at interfaces, as a table."""
+    """Energy at interfaces, as a table; "-" where a model runs away."""
     balance = diagnosis.energy
     if not balance.get("interfaces"):
         return ""
     columns = [name for name in ("measured", "nominal", "excess", "answer") if name in balance]
-    head = "".join(f"<th>{escape(one)}</th>" for one in columns)
-    cells = {
-        one: "".join(f"<td>{_signed(balance[name][one])}</td>" for name in columns)
-        for one in balance["interfaces"]
-    }
-    rows = [f"<tr><th>{escape(one)}</th>{shown}</tr>" for one, shown in cells.items()]
-    total = "".join(f"<td><b>{_signed(balance['change'][name])}</b></td>" for name in columns)
-    title, words, whole = (
-        "Energy of a contact",
+    cells = [(one, {name: balance[name][one] for name in columns}) for one in balance["interfaces"]]
+    rows = [
+        [one, *("-" if values[name] is None else f"{values[name]:+.4f}" for name in columns)]
+        for one, values in (*cells, ("CoR^2 - 1", balance["change"]))
+    ]
+    words = (
         "CoR^2 - 1, the share of kinetic energy that a contact adds, by the interface at which it enters; "
-        "mean over held-out contacts, or all where no run was held out.",
-        "CoR^2 - 1",
+        "mean over held-out contacts, or all where no run was held out. Excess is measured less nominal."
     )
-    if "unit" in balance:
-        title, whole = "Energy at interfaces", f"all [{balance['unit']}]"
-        words = f"Force times velocity over the runs [{balance['unit']}], by interface and phase of motion."
-    return (
-        f"<h2>{title}</h2><p class=note>{words} Excess is measured less nominal.</p>"
-        f"<table><tr><th></th>{head}</tr>{''.join(rows)}<tr><th>{whole}</th>{total}</tr></table>"
-    )
+    return f"<h2>Energy of a contact</h2>{note(words)}{table(['', *columns], rows[:-1], foot=rows[-1])}"

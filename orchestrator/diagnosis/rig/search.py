@@ -63,7 +63,7 @@ class Search:
         """Log evidence of a fit over that of none [nats]."""
         return fit.log_evidence - self.none.log_evidence
 
-    def beside(self, fits: Sequence[Fit]) -> Search:
+    def including(self, fits: Sequence[Fit]) -> Search:
         """With further fits, of the same effects the ones of least cost."""
         unique: dict[frozenset[str], Fit] = {}
         for fit in (*self.fits, *fits):
@@ -182,7 +182,7 @@ def search(
         found += level
         if max((fit.log_evidence for fit in level), default=-math.inf) < before.log_evidence + 5.0:
             break
-    made = Search(none, ()).beside(found)
+    made = Search(none, ()).including(found)
     best = made.fits[0] if made.fits else none
     shorter = _without_one(fitter, best, len(always)) if len(best.effects) - len(always) > 2 else []
     top = max([best, *shorter], key=lambda fit: fit.log_evidence)
@@ -192,7 +192,7 @@ def search(
         begun = shorter if shorter and top is best else _without_one(fitter, top, len(always))
         others = [*shorter, *_further(fitter, effects, begun, workers)]
     known = {_key(fit.effects) for fit in made.fits}
-    return made.beside([fit for fit in others if _key(fit.effects) not in known])
+    return made.including([fit for fit in others if _key(fit.effects) not in known])
 
 
 def exchanged(fitter: Fitter, effects: Sequence[Effect], fit: Fit, workers: int = 2) -> list[Fit]:

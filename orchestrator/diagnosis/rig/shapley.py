@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
+from math import factorial
 
 import numpy as np
 
@@ -11,13 +13,13 @@ from .components import COMPONENTS, component_of, residuals_of
 from .finding import Augmented, Finding
 from .motion import contacts
 from .restart import Restart, contact_error
-from .sharing import by_place, coalitions, shapley_values
 from .study import Array, Role, Run, Study
 
-__all__ = ["Shares", "shapley_shares", "where"]
+__all__ = ["Shares", "shapley_shares", "shapley_values", "where"]
 
 _COUNT = len(COMPONENTS)
-_COALITIONS = coalitions(_COUNT)
+# None first, all last.
+_COALITIONS = [frozenset(some) for size in range(_COUNT + 1) for some in combinations(range(_COUNT), size)]
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,24 @@ def shapley_shares(study: Study, runs: Sequence[Run], model: Augmented) -> Share
                 worth[number] += np.mean(contact_error(run, one, out) ** 2, axis=1).sum()
             windows += 1
     worth /= max(windows, 1)
-    return Shares(shapley_values(worth.tolist(), _COUNT), float(worth[0]), float(worth[-1]), windows)
+    return Shares(shapley_values(worth.tolist()), float(worth[0]), float(worth[-1]), windows)
+
+
+def shapley_values(gaps: Sequence[float]) -> Array:
+    """Shapley values of the reduction of a gap by coalitions of components.
+
+    Args:
+        gaps: by coalition, those of no component first, that of all last, in the order of `combinations`.
+    Returns: by component, shape (4,); they add up to the gap of none less that of all.
+    """
+    found = dict(zip(_COALITIONS, gaps, strict=True))
+    values = np.zeros(_COUNT)
+    for coalition in _COALITIONS:
+        for player in set(range(_COUNT)) - coalition:
+            weight = factorial(len(coalition)) * factorial(_COUNT - len(coalition) - 1)
+            lessened = found[coalition] - found[coalition | {player}]
+            values[player] += weight / factorial(_COUNT) * lessened
+    return values
 
 
 def where(study: Study, finding: Finding) -> Mapping[str, float]:
@@ -75,11 +94,20 @@ def where(study: Study, finding: Finding) -> Mapping[str, float]:
 
     Returns: share by place; negative where a component hides another's part.
     """
-    shares = shapley_shares(study, study.of(Role.HELDOUT), finding.faultless(study.nominal)).shares
-
-    def place_of(effect: str) -> str:
-        place = effect.partition(".")[0]
-        component_of(place)  # refuses places that the rig does not have
-        return place
-
-    return by_place(shares.tolist(), COMPONENTS, finding, place_of)
+    shares = shapley_shares(study, study.of(Role.HELDOUT), finding.faultless(study.nominal)).shares.tolist()
+    probability = dict.fromkeys((place for places in COMPONENTS.values() for place in places), 0.0)
+    for candidate in finding.candidates:
+        places = [one.partition(".")[0] for one in candidate.effects if one != "outside"]
+        for place in places:
+            component_of(place)  # refuses places that the rig does not have
+        if candidate.effects == ("outside",) and finding.outside_place:
+            places = finding.outside_place.split("+")
+        for place in places:
+            if place in probability:
+                probability[place] += candidate.probability / len(places)
+    shared: dict[str, float] = {}
+    for share, places in zip(shares, COMPONENTS.values(), strict=True):
+        mass = sum(probability[place] for place in places)
+        for place in places:
+            shared[place] = share * (probability[place] / mass if mass > 0.0 else 1.0 / len(places))
+    return shared

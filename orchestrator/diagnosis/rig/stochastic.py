@@ -12,7 +12,7 @@ from .coloured_noise import COLOUR, WHITE, Colour, coloured, small_colour
 from .dropout import held_longer, in_turn, lost_in_contact, lost_in_flight, piled
 from .misfit import narrow_band_line, stretches, uneven, wave
 from .model import RigModel
-from .nuisance import repeating, settled
+from .nuisance import repeating, settling_weights
 from .study import Array
 
 __all__ = [
@@ -54,7 +54,7 @@ class Noise:
 def flights(touching: Array) -> list[slice]:
     """Stretches without contact, from whether a replay touches at each tick, shape (n,)."""
     touched = np.convolve(touching, np.ones(2 * _MARGIN + 1), "same") > 0.5
-    touched |= settled(len(touched)) == 0.0
+    touched |= settling_weights(len(touched)) == 0.0
     return [one for one in stretches(~touched) if one.stop - one.start >= _FLIGHT]
 
 
@@ -137,8 +137,8 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
     if deviation > COLOUR * noise and 0.3 < keep < _WANDER and evidence > 0.0:
         apparent = deviation * math.sqrt((1.0 + keep) / (1.0 - keep))
         scale = math.hypot(1.0, apparent / noise)
-        odd = uneven(parts, (_MEMORY, max(_MEMORY, round(1.0 / (1.0 - keep)))))
-        found.append(Noise("sensor.coloured-noise", (deviation,), evidence, scale, odd))
+        intermittent = uneven(parts, (_MEMORY, max(_MEMORY, round(1.0 / (1.0 - keep)))))
+        found.append(Noise("sensor.coloured-noise", (deviation,), evidence, scale, intermittent))
         return Force(tuple(found), 0.0, held)
     return Force(tuple(found), 0.0, held, small, uneven(parts, (1,)))
 

@@ -50,7 +50,7 @@ def without_rival(study: Study, finding: Finding, among: Sequence[Experiment]) -
     if first.effects == ("outside",):
         return _alone(finding.outside_place, ["outside", "none"], among)
     if finding.doubtful_tolerances:
-        return _alone(_strayed(study, finding), ["none", "other tolerances"], among)
+        return _alone(_place_of_largest_deviation(study, finding), ["none", "other tolerances"], among)
     return None
 
 
@@ -89,7 +89,7 @@ def _alone(place: str, between: list[str], among: Sequence[Experiment]) -> dict[
     }
 
 
-def _strayed(study: Study, finding: Finding) -> str:
+def _place_of_largest_deviation(study: Study, finding: Finding) -> str:
     """The place of the calibrated number that moved farthest, in tolerances."""
     moves = {
         name: abs(value - study.nominal[name].value) / study.nominal[name].tolerance

@@ -24,7 +24,7 @@ _OUTSIDE = Answer(("outside",), 0.0, 0.0)
 # Answers of a group whose scores lie farther below its best are not worth a word, and not combined with
 # those of other groups; of software, so many are.
 _LEAST, _TOLD_OF_SOFTWARE = 16.0, 8
-# See `_given`: a nat for the first effect, less for one beside it, which fewer look like.
+# See `_chosen`: a nat for the first effect, less for one beside it, which fewer look like.
 _NAMED, _NAMED_BESIDE = math.e, 1.5
 
 
@@ -51,7 +51,7 @@ def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
     p = learned.spread(np.array([score for score, _ in joint]))
     order = np.argsort(-p, kind="stable")
     candidates = tuple(_candidate(float(p[place]), joint[place][1]) for place in order)
-    first, choice = _given([(one, joint[place][1]) for one, place in zip(candidates, order, strict=True)])
+    first, choice = _chosen([(one, joint[place][1]) for one, place in zip(candidates, order, strict=True)])
     outside = next((group.place for group, answer in choice if answer is _OUTSIDE), "")
     places = {one.partition(".")[0] for one in first.effects if one != "outside"} | {outside} - {""}
     known = (joint[place][1] for place in order if all(one[1] is not _OUTSIDE for one in joint[place][1]))
@@ -122,7 +122,7 @@ def _price(answers: Sequence[Answer], named: Collection[str], learned: Calibrati
     return price + (max(beside, 0) * learned.second if "outside" in named else 0.0)
 
 
-def _given(candidates: Sequence[tuple[Candidate, Choice]]) -> tuple[Candidate, Choice]:
+def _chosen(candidates: Sequence[tuple[Candidate, Choice]]) -> tuple[Candidate, Choice]:
     """The answer with the largest probability among those with evidence, ties included.
 
     An answer with a further effect that is too small to be seen counts for the answer without it. An effect

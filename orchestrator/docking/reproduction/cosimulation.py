@@ -62,7 +62,7 @@ def quantities(runs: Mapping[str, Recorded]) -> list[Quantity]:
             Quantity(
                 f"stiffness{key}",
                 "fig6",
-                f"average stiffness estimate from contact 2 on{where}",
+                f"average stiffness estimate from contact 2 onwards{where}",
                 "N/mm",
                 stated.quoted("{:g}, nearly reached"),
                 stiffness,
@@ -71,7 +71,7 @@ def quantities(runs: Mapping[str, Recorded]) -> list[Quantity]:
             Quantity(
                 f"damping{key}",
                 "fig6",
-                f"largest damping estimate from contact 2 on{where}",
+                f"largest damping estimate from contact 2 onwards{where}",
                 "N.s/mm",
                 "0, with an error of about 5 % (4.1)",
                 damping * 1e-3,

@@ -49,7 +49,7 @@ def cases() -> tuple[Case, ...]:
 
 
 def _law(mass: float) -> str:
-    return f"source's law, {mass:g} kg"
+    return f"paper's law, {mass:g} kg"
 
 
 def _without(mass: float) -> str:
@@ -174,7 +174,7 @@ def _convergence(runs: Mapping[str, Recorded]) -> list[Quantity]:
             Quantity(
                 f"law_first_{mass:g}kg",
                 "fig15",
-                f"CoR of the first contact, source's law, {mass:g} kg",
+                f"CoR of the first contact, paper's law, {mass:g} kg",
                 "1",
                 "slight overshoot at the beginning (4.3)",
                 float(source.restitutions[0]),
@@ -185,7 +185,7 @@ def _convergence(runs: Mapping[str, Recorded]) -> list[Quantity]:
             Quantity(
                 f"law_later_{mass:g}kg",
                 "fig15",
-                f"average CoR from contact 2 on, source's law, {mass:g} kg",
+                f"average CoR from contact 2 onwards, paper's law, {mass:g} kg",
                 "1",
                 "converges (4.3)" if mass != rig.MASSES[2] else "about 1 (4.3)",
                 float(source.restitutions[1:].mean()),

@@ -121,13 +121,13 @@ def _evaluate(
     halved: dict[str, Recorded] = {case.name: recorded[case].halved for case in cases}
     after = {one.key: one.ours for one in experiment.quantities(halved)}
     entry["quantities"] = [
-        _told(one, after.get(one.key)) for one in experiment.quantities(whole) if one.figure in chosen
+        _as_data(one, after.get(one.key)) for one in experiment.quantities(whole) if one.figure in chosen
     ]
     entry["figures"] = {figure: experiment.FIGURES[figure] for figure in chosen}
     return entry, {figure: experiment.draw(figure, whole) for figure in chosen}
 
 
-def _told(quantity: Quantity, after: float | None) -> dict[str, Any]:
+def _as_data(quantity: Quantity, after: float | None) -> dict[str, Any]:
     return {
         "key": quantity.key,
         "figure": quantity.figure,

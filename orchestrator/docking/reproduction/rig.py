@@ -27,7 +27,7 @@ ABOUT = (
     "15 and 20 mm: k grows with the cross-section, d^2, as of a rod pressed along its axis; an "
     "assumption, since the text gives no number (bending would give d^4 and 1210 N/mm at 20 mm).",
     f"Assumed as well: damping {DAMPING:g} N.s/mm for each rod, that of the virtual walls; white noise of "
-    f"{NOISE} (standard deviation, drawn anew every 0.5 ms) on the force reading; the robot's response of "
+    f"{NOISE} (standard deviation, a new value every 0.5 ms) on the force reading; the robot's response of "
     "75 Hz and xi_n = 0.8, as in Fig. 3.",
     "The robot's delay is derived: it is the one with which the uncompensated loop of the 10 mm rod at "
     "279.07 kg grows as the text says, to 2.5 and 4.5 times the velocity after contacts 2 and 3 (least "

@@ -22,7 +22,7 @@ TITLE = "Section 4.2: virtual walls"
 ABOUT = (
     "docking-1d with 70 N/mm and 0.1 N.s/mm. The paper's robot is real and not described: here it is "
     f"that of Fig. 3 with 2 ms. Its readings scatter; ours get white noise of {NOISE} (standard deviation, "
-    f"drawn anew every 0.5 ms, seeds {', '.join(map(str, SEEDS))}), a choice of ours which decides the "
+    f"a new value every 0.5 ms, seeds {', '.join(map(str, SEEDS))}), a choice of ours which decides the "
     "scatter of the estimates.",
     "Two controllers are run. The paper's law knows nothing before the first contact (initial_stiffness "
     "1 N/mm) and does not restore the work that is missed until the force is felt (switching_compensation "
@@ -51,14 +51,14 @@ _SOURCE = ("controller.switching_compensation=false", "controller.initial_stiffn
 def cases() -> tuple[Case, ...]:
     """The paper's law with several seeds, and the shipped controller with the first of them."""
     made = [
-        Case(f"source's law, seed {seed}", "docking-1d", native(*_WALL, *_SOURCE, _noise(seed)))
+        Case(f"paper's law, seed {seed}", "docking-1d", native(*_WALL, *_SOURCE, _noise(seed)))
         for seed in SEEDS
     ]
     wall = (*_WALL, _noise(SEEDS[0]))
     return (
         *made,
         Case(_RESTORED, "docking-1d", native(*wall)),
-        Case(f"source's law, {_LONG}", "docking-1d", native(*wall, *_SOURCE, rig.delay())),
+        Case(f"paper's law, {_LONG}", "docking-1d", native(*wall, *_SOURCE, rig.delay())),
         Case(f"{_RESTORED}, {_LONG}", "docking-1d", native(*wall, rig.delay())),
     )
 
@@ -73,13 +73,13 @@ def quantities(runs: Mapping[str, Recorded]) -> list[Quantity]:
 
 
 def _estimates(runs: Mapping[str, Recorded]) -> list[Quantity]:
-    laws = [runs[f"source's law, seed {seed}"] for seed in SEEDS]
+    laws = [runs[f"paper's law, seed {seed}"] for seed in SEEDS]
     stiffness = np.concatenate([run.estimate("stiffness") for run in laws]) * 1e-3
     damping = np.concatenate([run.estimate("damping") for run in laws]) * 1e-3
     wall, average = paper.WALL_STIFFNESS.value, paper.WALL_AVERAGE_STIFFNESS
     true_damping = paper.WALL_DAMPING.value
     spread = {name: float(np.std(one) / np.mean(one)) for name, one in (("k", stiffness), ("c", damping))}
-    seeds = f"{len(SEEDS)} seeds, from contact 2 on"
+    seeds = f"{len(SEEDS)} seeds, from contact 2 onwards"
     return [
         Quantity(
             "frequency",
@@ -137,11 +137,11 @@ def _estimates(runs: Mapping[str, Recorded]) -> list[Quantity]:
 
 
 def _deviations(runs: Mapping[str, Recorded]) -> list[Quantity]:
-    first = runs[f"source's law, seed {SEEDS[0]}"]
+    first = runs[f"paper's law, seed {SEEDS[0]}"]
     theory = float(first.measures["ideal"]["cor"])
     found = []
     for run, name, key in (
-        (first, "source's law", "source"),
+        (first, "paper's law", "source"),
         (runs[_RESTORED], _RESTORED, "restored"),
     ):
         later = run.restitutions[1:CONTACTS]
@@ -171,19 +171,19 @@ def _deviations(runs: Mapping[str, Recorded]) -> list[Quantity]:
 
 
 def _restitution(runs: Mapping[str, Recorded]) -> list[Quantity]:
-    first = runs[f"source's law, seed {SEEDS[0]}"]
+    first = runs[f"paper's law, seed {SEEDS[0]}"]
     ideal = float(first.measures["ideal"]["cor"]) * 100.0
     at_ideal = near(ideal, 0.01, f"the ideal {ideal:.2f}")
     rows = [
         (
             first,
-            "source's law",
+            "paper's law",
             "source",
             ("obvious increase (4.2)", "converges (4.2)"),
             (above(100.0), at_ideal),
         ),
         (runs[_RESTORED], _RESTORED, "restored", ("", ""), (at_ideal, at_ideal)),
-        (runs[f"source's law, {_LONG}"], f"source's law, {_LONG}", "source_long", ("", ""), (None, None)),
+        (runs[f"paper's law, {_LONG}"], f"paper's law, {_LONG}", "source_long", ("", ""), (None, None)),
         (
             runs[f"{_RESTORED}, {_LONG}"],
             f"{_RESTORED}, {_LONG}",
@@ -215,7 +215,7 @@ def _restitution(runs: Mapping[str, Recorded]) -> list[Quantity]:
             Quantity(f"later_cor_{key}", "fig10", text, "%", ten, float(values[1:].mean()), later, note)
         )
     worst = np.max(np.abs(first.restitutions[1:CONTACTS] * 100.0 / ideal - 1.0)) * 100.0
-    text = f"largest deviation of one CoR from the ideal, contacts 2 to {CONTACTS}, source's law"
+    text = f"largest deviation of one CoR from the ideal, contacts 2 to {CONTACTS}, paper's law"
     found.append(Quantity("worst_cor_source", "fig10", text, "%", "", float(worst), below(1.0)))
     return found
 
@@ -229,15 +229,15 @@ def _force_deviation(run: Recorded) -> float:
 
 def draw(figure: str, runs: Mapping[str, Recorded]) -> Figure:
     """Estimates (fig8), velocity and force (fig9), restitution (fig10)."""
-    run = runs[f"source's law, seed {SEEDS[0]}"]
+    run = runs[f"paper's law, seed {SEEDS[0]}"]
     if figure != "fig10":
         make = figures.estimates if figure == "fig8" else figures.contacts
         return make(run.results, run.options)
     sheet, axes = drawing.sheet("contact", "coefficient of restitution [%]")
     for label, one, style in (
-        ("source's law", run, {"marker": "o", "color": "#D55E00"}),
+        ("paper's law", run, {"marker": "o", "color": "#D55E00"}),
         (_RESTORED, runs[_RESTORED], {"marker": "s", "color": "#0072B2"}),
-        (f"source's law, {_LONG}", runs[f"source's law, {_LONG}"], {"marker": "v", "color": "#E69F00"}),
+        (f"paper's law, {_LONG}", runs[f"paper's law, {_LONG}"], {"marker": "v", "color": "#E69F00"}),
         (f"{_RESTORED}, {_LONG}", runs[f"{_RESTORED}, {_LONG}"], {"marker": "x", "color": "#009E73"}),
     ):
         values = one.restitutions[:CONTACTS] * 100.0

@@ -30,7 +30,7 @@ from .model import (
 )
 from .schema import Reader
 
-__all__ = ["Edge", "Given", "Leaf", "Network", "Node", "family"]
+__all__ = ["Assigned", "Edge", "Leaf", "Network", "Node", "family"]
 
 Path_ = tuple[str, ...]
 Key = tuple[Path_, str]
@@ -77,7 +77,7 @@ class Edge:
 
 
 @dataclass(frozen=True)
-class Given:
+class Assigned:
     """A parameter's value, and how it is changed before it is applied."""
 
     parameter: Parameter
@@ -119,7 +119,7 @@ class Network:
         self.leaves: dict[Path_, Leaf] = {}
         self.nodes: dict[Key, Node] = {}
         self.edges: dict[Key, Edge] = {}
-        self.values: dict[Key, Given] = {}
+        self.values: dict[Key, Assigned] = {}
         self.unused: list[str] = []
         self._descriptions: dict[tuple[Path, Interface | None], ModelDescription] = {}
         # Nested descriptions that have been read in place of their component.
@@ -352,7 +352,7 @@ class Network:
     ) -> None:
         for binding in bindings:
             try:
-                given = self._given(binding, scope, component is not None)
+                given = self._assigned(binding, scope, component is not None)
             except TooMuch:
                 raise
             except ConfigError as error:
@@ -365,7 +365,7 @@ class Network:
                 for key in targets:
                     self.values[key] = one
 
-    def _given(self, binding: Binding, scope: _Scope, component: bool) -> list[tuple[str, Given]]:
+    def _assigned(self, binding: Binding, scope: _Scope, component: bool) -> list[tuple[str, Assigned]]:
         """What a binding gives, by the names in the element."""
         reader = Reader(scope.package.label, self.problems, self.notes)
 
@@ -386,7 +386,7 @@ class Network:
             mapping = read(mapping, reader.mapping, "mapping")
         named = {binding.prefix + one.name: one for one in values}
         if mapping is None:
-            return [(name, Given(one)) for name, one in named.items()]
+            return [(name, Assigned(one)) for name, one in named.items()]
         missing = [entry.source for entry in mapping if entry.source not in named]
         if missing:
             self.notes.append(
@@ -409,8 +409,8 @@ class Network:
         return found
 
 
-def _mapped(parameter: Parameter, entry: MappingEntry) -> Given:
-    return Given(parameter, entry.suppress, entry.transformation)
+def _mapped(parameter: Parameter, entry: MappingEntry) -> Assigned:
+    return Assigned(parameter, entry.suppress, entry.transformation)
 
 
 def _identified(system: Element, identity: str) -> Element | None:

@@ -23,8 +23,8 @@ from . import annotations
 from .archive import open_package
 from .code import take_code
 from .model import Document
-from .network import Edge, Given, Key, Leaf, Network, Node, Path_, family
-from .values import Course, CourseError, scalars
+from .network import Assigned, Edge, Key, Leaf, Network, Node, Path_, family
+from .values import SignalPath, SignalPathError, scalars
 
 __all__ = ["MAIN", "Read", "read_ssp"]
 
@@ -145,7 +145,7 @@ def _connections(
             continue  # a connector of a system that nothing feeds: a parameter, or the FMU's own start value
         try:
             found.append(_connection(network, names, begin, target, [one for _, one in chain]))
-        except CourseError as error:
+        except SignalPathError as error:
             problems.append(Problem(edge.place, f"{_key_text(begin)} to {_key_text(target)}: {error}"))
     return found, begins
 
@@ -181,26 +181,26 @@ def _node(network: Network, key: Key) -> Node:
     return alike[0] if alike else network.nodes.get((path, name.partition("[")[0]), Node(None, "", None))
 
 
-def _course(network: Network, begin: Key, steps: list[tuple[Key, Edge]]) -> Course:
-    """Raises: CourseError."""
+def _signal_path(network: Network, begin: Key, steps: list[tuple[Key, Edge]]) -> SignalPath:
+    """Raises: SignalPathError."""
     node = _node(network, begin)
-    course = Course(node.unit, node.unit_name, node.items)
+    signal_path = SignalPath(node.unit, node.unit_name, node.items)
     for key, edge in steps:
-        course.through(_node(network, key), edge.suppress, edge.transformation)
-    return course
+        signal_path.through(_node(network, key), edge.suppress, edge.transformation)
+    return signal_path
 
 
 def _connection(
     network: Network, names: Mapping[Path_, str], begin: Key, target: Key, steps: list[tuple[Key, Edge]]
 ) -> Any:
-    """A connection of a config that does what a chain of connections does. Raises: CourseError."""
-    course = _course(network, begin, steps)
+    """A connection of a config that does what a chain of connections does. Raises: SignalPathError."""
+    signal_path = _signal_path(network, begin, steps)
     source, sink = _node(network, begin), _node(network, target)
     ends = f"{names[begin[0]]}.{begin[1]}", f"{names[target[0]]}.{target[1]}"
-    through: list[dict[str, Any]] = [{"map": list(table)} for table in course.tables]
+    through: list[dict[str, Any]] = [{"map": list(table)} for table in signal_path.tables]
     kinds = {node.variable.kind for node in (source, sink) if node.variable is not None}
-    if not course.tables:
-        through = _linear(course, source, sink)
+    if not signal_path.tables:
+        through = _linear(signal_path, source, sink)
     if not through and kinds == {Kind.INTEGER, Kind.ENUMERATION}:
         through = [{"map": []}]  # a config's word for an integer that is meant as an item
     if not through:
@@ -208,7 +208,7 @@ def _connection(
     return {"from": ends[0], "to": ends[1], "through": through}
 
 
-def _linear(course: Course, source: Node, sink: Node) -> list[dict[str, Any]]:
+def _linear(signal_path: SignalPath, source: Node, sink: Node) -> list[dict[str, Any]]:
     """Effects for factor * value + offset of plain numbers, given that a config converts units after them."""
     own = [None if node.variable is None else node.variable.unit for node in (source, sink)]
     one, other = own
@@ -219,21 +219,21 @@ def _linear(course: Course, source: Node, sink: Node) -> list[dict[str, Any]]:
             try:
                 gain, shift = convert(one, other)
             except UnitError as error:
-                raise CourseError(str(error)) from None
+                raise SignalPathError(str(error)) from None
         elif one.offset or other.offset:
-            raise CourseError("a unit with an offset cannot become another quantity")
+            raise SignalPathError("a unit with an offset cannot become another quantity")
         else:
             # The number that makes the one unit's values the other's, in base units.
             exponents = tuple(b - a for a, b in zip(one.exponents, other.exponents, strict=True))
             unit = Unit("", exponents).base()
-            factor = course.factor * float(other.factor / one.factor)
+            factor = signal_path.factor * float(other.factor / one.factor)
             effects: list[dict[str, Any]] = [{"gain": f"{_short(factor)!r} {unit}"}]
-            if course.offset:
+            if signal_path.offset:
                 base = Unit("", other.exponents).base()
-                value = _short(course.offset * float(other.factor))
+                value = _short(signal_path.offset * float(other.factor))
                 effects.append({"offset": value if base == "1" else f"{value!r} {base}"})
             return effects
-    factor, offset = course.factor / gain, course.offset
+    factor, offset = signal_path.factor / gain, signal_path.offset
     found: list[dict[str, Any]] = []
     if factor != 1.0:
         found.append({"gain": _short(factor)})
@@ -272,7 +272,7 @@ def _starts(
         if last.transformation is not None and given.transformation is not None:
             what = f"{_key_text(begin)} is transformed by a mapping and by a connection"
             problems.append(Problem(last.place, what, "one of the two is read"))
-        given = Given(
+        given = Assigned(
             given.parameter, given.suppress or last.suppress, last.transformation or given.transformation
         )
         _start(network, names, target, given, found, problems, {})
@@ -291,7 +291,7 @@ def _start(
     network: Network,
     names: Mapping[Path_, str],
     key: Key,
-    given: Given,
+    given: Assigned,
     found: dict[str, dict[str, Any]],
     problems: list[Problem],
     fed: Mapping[Key, Key | None],

@@ -13,9 +13,9 @@ from ...base.units import ONE, Quantity, Unit, UnitError, convert, parse_unit
 from ...config import Scalar
 from ...fmi import Kind, Variable
 from .model import Transformation
-from .network import Given, Node
+from .network import Assigned, Node
 
-__all__ = ["Course", "CourseError", "mapped", "number", "scalars"]
+__all__ = ["SignalPath", "SignalPathError", "mapped", "number", "scalars"]
 
 _TRUE, _FALSE = ("true", "1"), ("false", "0")
 
@@ -44,7 +44,7 @@ def _truth(text: str) -> str:
     return "true" if text in _TRUE else "false" if text in _FALSE else text
 
 
-def scalars(given: Given, variables: list[Variable], label: str) -> dict[str, Scalar] | Problem:
+def scalars(given: Assigned, variables: list[Variable], label: str) -> dict[str, Scalar] | Problem:
     """Start values, by the names of a variable or of the elements of an array.
 
     Args:
@@ -65,7 +65,7 @@ def scalars(given: Given, variables: list[Variable], label: str) -> dict[str, Sc
     return found
 
 
-def _scalar(given: Given, variable: Variable, text: str) -> Scalar:
+def _scalar(given: Assigned, variable: Variable, text: str) -> Scalar:
     """One value. Raises: ValueError with the reason."""
     change = given.transformation
     if change is not None and change.kind != "linear":
@@ -96,7 +96,7 @@ def _scalar(given: Given, variable: Variable, text: str) -> Scalar:
     raise ValueError(f"values of type {variable.type} are not supported")
 
 
-def _real(given: Given, variable: Variable, text: str, change: Transformation | None) -> Scalar:
+def _real(given: Assigned, variable: Variable, text: str, change: Transformation | None) -> Scalar:
     plain, unit, name = number(text), given.parameter.unit, given.parameter.unit_name
     own = variable.unit
     value = float(plain)
@@ -134,12 +134,12 @@ def same_start(variable: Variable, one: Scalar, other: Scalar) -> bool:
     return one == other
 
 
-class CourseError(ValueError):
+class SignalPathError(ValueError):
     """A transformation that cannot be had here; the message says why."""
 
 
 @dataclass
-class Course:
+class SignalPath:
     """What becomes of a value on its way: factor * value + offset, or tables in turn.
 
     Attributes:
@@ -155,19 +155,19 @@ class Course:
     tables: tuple[tuple[str, ...], ...] = ()
 
     def through(self, node: Node, suppress: bool, change: Transformation | None) -> None:
-        """Go on to the next connector. Raises: CourseError."""
+        """Go on to the next connector. Raises: SignalPathError."""
         unit = self.unit
         if node.unit is not None or node.unit_name:
             if unit is not None and node.unit is not None and not suppress:
                 if not unit.same_dimension(node.unit):
-                    raise CourseError(
+                    raise SignalPathError(
                         f"units differ, {self.unit_name} [{unit.base()}] and {node.unit_name} "
                         f"[{node.unit.base()}], and their conversion is not suppressed"
                     )
                 try:
                     self._affine(*convert(unit, node.unit))
                 except UnitError as error:
-                    raise CourseError(str(error)) from None
+                    raise SignalPathError(str(error)) from None
             self.unit, self.unit_name = node.unit, node.unit_name
         elif suppress:
             self.unit, self.unit_name = None, ""
@@ -184,12 +184,12 @@ class Course:
         if (factor, offset) == (1.0, 0.0):
             return
         if self.tables:
-            raise CourseError("a table of whole numbers is followed by a linear transformation")
+            raise SignalPathError("a table of whole numbers is followed by a linear transformation")
         self.factor, self.offset = factor * self.factor, factor * self.offset + offset
 
     def _table(self, change: Transformation, items: Mapping[str, int]) -> None:
         if (self.factor, self.offset) != (1.0, 0.0):
-            raise CourseError("a linear transformation is followed by a table of whole numbers")
+            raise SignalPathError("a linear transformation is followed by a table of whole numbers")
         entries = []
         for source, target in change.entries.items():
             if change.kind == "boolean":
@@ -198,7 +198,7 @@ class Course:
                 before, after = self.items.get(source), (items or self.items).get(target)
                 if before is None or after is None:
                     missing = source if before is None else target
-                    raise CourseError(
+                    raise SignalPathError(
                         f"no item {missing!r} in the enumeration; items: "
                         f"{listed(self.items if before is None else items or self.items)}"
                     )
@@ -210,7 +210,7 @@ class Course:
 
 def _bit(text: str) -> int:
     if _truth(text) not in ("true", "false"):
-        raise CourseError(f"{text!r} in a boolean mapping; true or false is needed")
+        raise SignalPathError(f"{text!r} in a boolean mapping; true or false is needed")
     return int(_truth(text) == "true")
 
 
@@ -218,4 +218,4 @@ def _whole(text: str) -> int:
     try:
         return int(text)
     except ValueError:
-        raise CourseError(f"{text!r} in an integer mapping is no whole number") from None
+        raise SignalPathError(f"{text!r} in an integer mapping is no whole number") from None

@@ -184,7 +184,7 @@ class KilledError(OrchestratorError):
     """A process was killed from outside before it could begin."""
 
 
-def _begun(make: Callable[[], Child]) -> Child:
+def _started(make: Callable[[], Child]) -> Child:
     """A process that has begun; one that is killed from outside while it does is no fault of its task."""
     for _ in range(_BEGINS - 1):
         try:
@@ -209,7 +209,7 @@ def attempt(
         if child is None or not child.alive:
             if child is not None:
                 child.end()
-            child = _begun(make)
+            child = _started(make)
         made = child.do(task)
         attempts += 1
         if not child.alive or child.grown():

@@ -30,14 +30,14 @@ class LocalPool:
 
     def outcomes(self, work: Work, tasks: Iterable[Any], folder: Path | None = None) -> Iterator[Outcome]:
         """See `Pool.outcomes`. Closing the iterator ends the processes."""
-        held = _Held(work, iter(tasks), folder, self.jobs)
+        held = _RunningCall(work, iter(tasks), folder, self.jobs)
         try:
             yield from held.outcomes()
         finally:
             held.end()
 
 
-class _Held:
+class _RunningCall:
     """The threads and processes of one call."""
 
     def __init__(self, work: Work, tasks: Iterator[Any], folder: Path | None, jobs: int) -> None:

@@ -62,7 +62,7 @@ class Step:
     Attributes:
         size: [s].
         after: signals at its end, shape (layout.size,).
-        inputs: see `Instances.given`.
+        inputs: see `Instances.inputs_over_step`.
     """
 
     size: float
@@ -85,7 +85,7 @@ class Books:
     Attributes:
         bonds: of the system.
         names: of the connections, per bond.
-        inputs: places of the inputs that are needed, see `Instances.given`.
+        inputs: places of the inputs that are needed, see `Instances.inputs_over_step`.
     """
 
     def __init__(self, system: System, layout: Layout) -> None:

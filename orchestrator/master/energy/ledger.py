@@ -74,7 +74,7 @@ class Ledger:
         self._exchanged = np.zeros(bonds)
         self._parts = np.zeros(sum(len(one) for one in self.books.names))
         self._times: list[Array] = []
-        self._course: list[Array] = []
+        self._recorded: list[Array] = []
         # Rows of steps that are still to be entered; outputs have one row more, the first being the begin.
         self._sizes = np.empty(_ROWS)
         self._outputs = self.books.outputs(np.empty((_ROWS + 1, self.layout.size)))
@@ -95,7 +95,7 @@ class Ledger:
         self._outputs[0] = self.books.outputs(values)
         self._kept = 1
         self._times.append(np.array([time]))
-        self._course.append(np.zeros((1, 3, len(self.books.bonds))))
+        self._recorded.append(np.zeros((1, 3, len(self.books.bonds))))
 
     def stepped(self, point: Point, steps: Sequence[Step]) -> None:
         """See what happened between the point that is reached and the one before it.
@@ -156,13 +156,13 @@ class Ledger:
             self._exchanged = _summed(self._exchanged, np.abs(taken))[-1]
             self._parts = _summed(self._parts, parts)[-1]
         self._times.append(times)
-        self._course.append(course[rows - 1])
+        self._recorded.append(course[rows - 1])
         self._totals = course[-1]
         self._kept += len(times)
         while self._kept > _MOST_KEPT:
             self._every *= 2
             self._times = [np.concatenate(self._times)[::2].copy()]
-            self._course = [np.concatenate(self._course)[::2].copy()]
+            self._recorded = [np.concatenate(self._recorded)[::2].copy()]
             self._kept = len(self._times[0])
 
     # For the native loop, whose inputs follow from the order of stepping.
@@ -212,13 +212,13 @@ class Ledger:
         """As in summary.json, by the bond's name."""
         return {name: account.summary() for name, account in self.accounts().items()}
 
-    def course(self) -> tuple[Array, dict[str, Array]]:
+    def energies_over_time(self) -> tuple[Array, dict[str, Array]]:
         """Energies over time, from the start: times, shape (n,) [s], and per bond, shape (n, 3) [J]: taken,
         given, created.
         """
         self.settle()
         times = np.concatenate(self._times) if self._times else np.zeros(0)
-        whole = np.concatenate(self._course) if self._course else np.zeros((0, 3, len(self.books.bonds)))
+        whole = np.concatenate(self._recorded) if self._recorded else np.zeros((0, 3, len(self.books.bonds)))
         return times, {bond.name: whole[:, :, n] for n, bond in enumerate(self.books.bonds)}
 
 

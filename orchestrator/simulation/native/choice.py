@@ -100,7 +100,7 @@ def choose_loop(
         return loop
     if loop == "auto":
         bent = bool(getattr(master, "extrapolation", 0))
-        kernel = kernel_of(instances.wires is not None, bent)
+        kernel = kernel_of(instances.connections is not None, bent)
         saved = steps * (_PER_STEP + _PER_INSTANCE * len(instances))
         if saved < _start_up(kernel, saved):
             return "python"

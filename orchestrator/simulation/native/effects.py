@@ -49,7 +49,7 @@ def _choice(code: int, kernel: Kernel, otherwise: Callable[..., Any]) -> Callabl
             return kernel(time, x, options, memory, commit)
         return otherwise(kind, time, x, options, memory, commit)
 
-    # numba calls machine code by names that are counted in each process anew: what two processes kept on disk
+    # numba calls machine code by names that are counted in each process: what two processes kept on disk
     # would call each other's functions of the same name.
     apply.__qualname__ = f"apply_{code}"
     return register_jitable(forceinline=True)(apply)
@@ -183,18 +183,18 @@ class Wiring:
         paths, links, reads = [], [], []
         legs, gains, offsets = [], [], []
         kept: list[Any] = []
-        if instances.wires is not None:
-            instances.wires.reserve(step_size)
+        if instances.connections is not None:
+            instances.connections.reserve(step_size)
         kinds = {built_in(name): code for code, name in enumerate(BUILT_IN)}
         for number, one in enumerate(layout.wired):
-            assert instances.wires is not None
+            assert instances.connections is not None
             first_leg, first_link = len(legs), len(links)
             legs += one.source.tolist()
             gains += one.gain.tolist()
             offsets += one.offset.tolist()
             for position, (effect, places) in enumerate(one.links):
                 x, options = np.zeros(1 + len(places)), np.array(effect.numbers(), np.float64)
-                memory = instances.wires.memories[number][position]
+                memory = instances.connections.memories[number][position]
                 kind = kinds.get(type(effect), _FOREIGN)
                 function = _compiled(effect.kernel) if kind == _FOREIGN else None
                 address = 0 if function is None else function.address

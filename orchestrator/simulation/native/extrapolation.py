@@ -173,7 +173,7 @@ def bend_on(row, ahead, order, who, source, gain, offset, inputs, step_size, squ
 
 @register_jitable
 def bend(row, ahead, order, who, source, gain, step_size, square, passed):
-    """Tell an instance the derivatives of its inputs at the begin of one of its own steps.
+    """Pass an instance the derivatives of its inputs at the begin of one of its own steps.
 
     Args:
         row, source, gain: as of `feed`.

@@ -203,7 +203,7 @@ def _outcomes(pool: Pool, work: Work, numbers: Sequence[Any]) -> Iterator[tuple[
 def _written(one: WeighedCase) -> list[Any]:
     """Without answers of two unseen effects, which `_read` adds again."""
     answers = [
-        [a.effects, a.gain, a.left, a.ties, a.unseen, a.odd, a.random, a.numerics, a.size, a.parts]
+        [a.effects, a.gain, a.left, a.ties, a.unseen, a.nonrandom, a.random, a.numerics, a.size, a.parts]
         for a in one.answers
         if len(a.unseen) < 2
     ]
@@ -219,13 +219,13 @@ def _read(data: list[Any]) -> WeighedCase:
             left,
             ties=tuple(ties),
             unseen=tuple(unseen),
-            odd=odd,
+            nonrandom=nonrandom,
             random=random,
             numerics=numerics,
             size=size,
             parts=tuple(parts),
         )
-        for effects, gain, left, ties, unseen, odd, random, numerics, size, parts in answers
+        for effects, gain, left, ties, unseen, nonrandom, random, numerics, size, parts in answers
     ]
     ids = [one.effects[0] for one in made if len(one.effects) == 1]
     return WeighedCase(tuple(truth), magnitude, tuple(complete(made, ids)), beside)

@@ -91,7 +91,7 @@ class _Lesson:
             columns = [
                 one.tolist()
                 for one in (
-                    of.gain, of.formed, of.left, of.whole, of.odd, of.replay_error, of.usual, of.seen,
+                    of.gain, of.formed, of.left, of.whole, of.nonrandom, of.replay_error, of.usual, of.seen,
                     of.unseen, of.strength, *of.excess.T,
                 )
             ]  # fmt: skip

@@ -185,7 +185,7 @@ def visibility(case: Case, logs: list[Array], rest: Case | None = None, chance: 
     total = 0.0
     for index, difference in enumerate(np.split(left, np.cumsum(lengths)[:-1])):
         force = index % _CHANNELS == _FORCE
-        total += _told_by_spectrum(difference, colour if force else (0.0, 0.0), _COLOURS if force else ())
+        total += _spectral_evidence(difference, colour if force else (0.0, 0.0), _COLOURS if force else ())
     return total
 
 
@@ -357,7 +357,7 @@ def _descended(sight: _Sight, place: _Place, target: Array, by: float = _STEP) -
     return best, left, replace(place, at=here)
 
 
-def _told_by_spectrum(
+def _spectral_evidence(
     difference: Array, own: tuple[float, float], others: Sequence[tuple[float, float]]
 ) -> float:
     """See `visibility`; the power is taken over windows and bands.

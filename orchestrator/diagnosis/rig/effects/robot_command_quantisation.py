@@ -76,10 +76,10 @@ def _likely(seen: Seen) -> NDArray[np.float64]:
             np.round(commands / _BIN).astype(int) % size
         )  # turns the circle at zero, so that phases are zero
         density += np.bincount(bins, part, size)
-    odd = np.fft.rfft(density).imag
+    sine = np.fft.rfft(density).imag
     first = np.arange(int(size * _BIN / _HIGH), int(size * _BIN / _LOW))
     # c - q round(c/q) is the sum of -(-1)^k sin(2 pi k c/q) q/(pi k).
-    score = sum((-1) ** k * -odd[np.minimum(k * first, size // 2)] / k for k in range(1, 7))
+    score = sum((-1) ** k * -sine[np.minimum(k * first, size // 2)] / k for k in range(1, 7))
     best = np.argpartition(-score, 20 * _CANDIDATES)[: 20 * _CANDIDATES]
     found: list[int] = []
     for one in best[np.argsort(-score[best])].tolist():
