@@ -185,7 +185,7 @@ def linearise(
     system: str | Path | Mapping[str, Any] | System,
     *,
     set: Mapping[str, Any] | None = None,
-    at_time: float | None = None,
+    at_time: float | str | None = None,
     at: str = "start",
     fix: Sequence[str] = (),
 ) -> LinearConfig:
@@ -193,7 +193,7 @@ def linearise(
 
     Args:
         system, set: see `run`.
-        at_time: the point of a run that it is linear around [s]; None: see `at`.
+        at_time: the point of a run that it is linear around, "0.5 s" or a number [s]; None: see `at`.
         at: "start", or "trim": around the steady state, as `orchestrator stability --trim` finds it.
         fix: states that keep their start values there and may go on changing, as "path.turned".
     Returns: `.modes()`, `.roots()`, `.margins()` of each connection in a feedback loop,
@@ -201,13 +201,15 @@ def linearise(
         its matrices.
     Raises: ConfigError with what cannot be linearised.
     """
+    from .config.base import seconds
     from .frequency.linear_config import linear_config
 
     if at not in ("start", "trim"):
         from .base.errors import ConfigError, Problem
 
         raise ConfigError([Problem("at", f"no operating point {at!r}", "start or trim; at_time for times")])
-    return linear_config(_changed(system, set), at_time, fix if at == "trim" else None)
+    time = None if at_time is None else seconds(at_time)
+    return linear_config(_changed(system, set), time, fix if at == "trim" else None)
 
 
 def build(

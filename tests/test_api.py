@@ -55,6 +55,9 @@ def test_a_run_gives_signals_that_numpy_works_on(result):
     assert np.array_equal(np.asarray(force), force.values)
     middle = 0.5 * (force.time[10] + force.time[11])
     assert force.at(middle) == pytest.approx(0.5 * (force[10] + force[11]))
+    assert force.at("250 ms") == force.at(0.25)
+    with pytest.raises(ValueError, match="cannot be converted to s"):
+        force.at("3 N")
     assert repr(force).startswith("Signal contact.force [N]: ")
     with pytest.raises(KeyError, match=r"contact\.force"):
         result["contact.forse"]

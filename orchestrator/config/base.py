@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from ..base.units import ONE, UnitError, parse_quantity, parse_unit
 from ..effects.base import Pure
 
-__all__ = ["Model", "Time", "checked_time", "exact_time"]
+__all__ = ["Model", "Time", "checked_time", "exact_time", "seconds"]
 
 _SECOND = parse_unit("s")
 
@@ -38,3 +38,8 @@ def checked_time(value: Any) -> str:
     except UnitError as error:
         raise ValueError(str(error)) from None
     return str(value)
+
+
+def seconds(value: str | float) -> float:
+    """A time from Python code [s]: a number, or a text with its unit. Raises: ValueError if it is none."""
+    return float(exact_time(checked_time(value)) if isinstance(value, str) else value)

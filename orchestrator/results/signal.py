@@ -11,6 +11,8 @@ import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import NDArray
 
+from ..config.base import seconds
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -49,9 +51,13 @@ class Signal(NDArrayOperatorsMixin):
     def __iter__(self) -> Iterator[Any]:
         return iter(self.values)
 
-    def at(self, time: float) -> float:
-        """The value at an instant [s], linear between recorded points, constant beyond the first and last."""
-        return float(np.interp(time, self.time, self.values))
+    def at(self, time: float | str) -> float:
+        """The value at an instant, linear between recorded points, constant beyond the first and last.
+
+        Args:
+            time: number [s], or text with a unit. Raises: ValueError if it is none.
+        """
+        return float(np.interp(seconds(time), self.time, self.values))
 
     def plot(self) -> Figure:
         """A figure of the signal over time, which notebooks show."""
