@@ -177,7 +177,7 @@ def test_where_nothing_can_be_written_all_is_compiled(copy):
     assert [ran(SLOSH + CALL, copy, **somewhere) for _ in range(2)] == [(first, 0), (first, 1)]
 
 
-def test_the_folder_that_numba_is_told_is_taken(copy, tmp_path):
+def test_the_folder_that_numba_is_reported_is_taken(copy, tmp_path):
     assert [ran(SLOSH + CALL, copy, NUMBA_CACHE_DIR=str(tmp_path / "told"))[1] for _ in range(2)] == [0, 1]
     assert kept_files(tmp_path / "told", "dynamics_slosh._law")
     assert not kept_files(copy / "orchestrator", "dynamics_slosh._law")

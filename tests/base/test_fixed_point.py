@@ -97,7 +97,7 @@ def test_a_loop_of_gain_one_has_no_solution_and_none_is_given(start):
     assert not run(lambda x: x + 1.0, start, Anderson(ONE), tolerance=1e-12).converged
 
 
-def test_what_grows_beyond_bounds_is_told():
+def test_what_grows_beyond_bounds_is_reported():
     with np.errstate(over="ignore"):  # which is what this provokes
         found = run(lambda x: 1e200 * x + 1.0, 1.0, FixedPoint())
     assert not found.converged and found.iterations == 2

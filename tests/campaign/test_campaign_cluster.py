@@ -81,7 +81,7 @@ def test_tasks_are_taken_as_they_can_be_worked_on():
     stream.close()
 
 
-def test_a_worker_that_cannot_begin_is_told():
+def test_a_worker_that_cannot_begin_is_reported():
     with pytest.raises(OrchestratorError, match="a worker could not begin: RuntimeError: no such thing"):
         list(LocalPool(2).outcomes(Work(workers_tasks.do, workers_tasks.fail), [1, 2]))
 

@@ -183,7 +183,7 @@ def test_kills_at_random_moments_cost_nothing_but_time(tmp_path):
 
 
 @posix
-def test_a_full_disk_is_told_and_the_store_stays_readable(tmp_path):
+def test_a_full_disk_is_reported_and_the_store_stays_readable(tmp_path):
     store = tmp_path / "store"
     grid = {"grid": {"robot.tau_m": {"from": "4 ms", "to": "12 ms", "count": 30}}}
     expected = quick(design=grid, record="all").run(tmp_path / "undisturbed", jobs=1).table
@@ -308,7 +308,7 @@ def test_a_disk_that_is_full_at_the_end_leaves_the_journal(tmp_path):
         assert reader.query("select x from runs order by run").column("x").to_pylist() == [0.0, 1 / 3, 2 / 3]
 
 
-def test_a_store_that_cannot_be_written_is_told(tmp_path):
+def test_a_store_that_cannot_be_written_is_reported(tmp_path):
     (tmp_path / "store").write_text("a file")
     with pytest.raises(ConfigError, match="store: is a file"):
         StoreWriter(tmp_path / "store")

@@ -37,7 +37,7 @@ def refused(**changes):
     return str(caught.value)
 
 
-def test_everything_that_is_wrong_is_told_at_once():
+def test_everything_that_is_wrong_is_reported_at_once():
     told = refused(
         design={
             "multiply": [
@@ -334,7 +334,7 @@ def test_fmus_in_a_study_are_beside_it(tmp_path):
     ]
 
 
-def test_what_is_in_misspelt_sections_of_a_study_is_told():
+def test_what_is_in_misspelt_sections_of_a_study_is_reported():
     data = {"format": "sweep/1", "system": "docking-1d", "derivd": {"late": "max(contact.forse)"}}
     with pytest.raises(ConfigError) as caught:
         Study(data | {"desing": {"grid": {"robot.tau_m": ["1 N"]}}})
@@ -347,7 +347,7 @@ def test_what_is_in_misspelt_sections_of_a_study_is_told():
     assert caught.value.unchecked == ()
 
 
-def test_only_the_form_of_values_that_was_meant_is_told():
+def test_only_the_form_of_values_that_was_meant_is_reported():
     grid = {"robot.tau_m": [], "robot.omega_n": {"from": "1 Hz", "to": "2 Hz", "cout": 3}}
     with pytest.raises(ConfigError) as caught:
         quick(design={"multiply": [{"grid": grid}]})
@@ -360,7 +360,7 @@ def test_only_the_form_of_values_that_was_meant_is_told():
     assert last.allowed == "allowed: from, to, count, spacing" and last.remedy == "Did you mean count?"
 
 
-def test_a_study_file_is_told_with_its_lines(tmp_path):
+def test_a_study_file_is_reported_with_its_lines(tmp_path):
     path = tmp_path / "study.yaml"
     path.write_text("format: sweep/1\nsystem: docking-1d\ndesign:\n  grid:\n    robot.tau_m: [1 N]\n")
     with pytest.raises(

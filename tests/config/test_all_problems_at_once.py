@@ -156,7 +156,7 @@ def test_notes_are_printed_beside_problems(tmp_path, capsys):
     assert [f"note: {one}" for one in notes] == out.splitlines()
 
 
-def test_they_are_all_in_what_is_told_to_machines(wrong, capsys):
+def test_they_are_all_in_what_is_reported_to_machines(wrong, capsys):
     assert main(["check", "--json", str(wrong)]) == 2
     out, err = capsys.readouterr()
     error = json.loads(out)["error"]
@@ -240,14 +240,14 @@ def test_they_are_all_in_what_is_told_to_machines(wrong, capsys):
         ),
     ],
 )
-def test_what_only_follows_is_not_told(changes, what):
+def test_what_only_follows_is_not_reported(changes, what):
     found = lines(told(changed(*changes)))
     assert len(found) == len(what), found
     for one, begin in zip(found, what, strict=True):
         assert begin in one
 
 
-def test_what_stands_deep_within_an_external_one_is_told_once():
+def test_what_stands_deep_within_an_external_one_is_reported_once():
     rig = "external: {rig: {listen: '127.0.0.1:1', peer: '127.0.0.1:2', receive: {f: {unit: N, strt: 0 N}}, "
     error = told(f"{RIGHT}{rig}exchange: lockstep}}}}\n")
     assert lines(error) == ["external.rig.receive.f.strt: unknown key 'strt'"]
@@ -359,7 +359,7 @@ conections:
 """
 
 
-def test_what_is_in_misspelt_sections_is_told_with_their_names(tmp_path):
+def test_what_is_in_misspelt_sections_is_reported_with_their_names(tmp_path):
     (tmp_path / "wrong.yaml").write_text(MISSPELT)
     (tmp_path / "over.yaml").write_text("extends: wrong.yaml\nrum: {step_size: 1}\n")
     known = "allowed: title, run, instances, external, connections, bonds, measures. Did you mean"
@@ -431,7 +431,7 @@ SETS = (
 
 
 @pytest.mark.parametrize("seed", range(80))
-def test_whatever_stands_where_is_told_once_beside_all_of_the_form(seed):
+def test_whatever_stands_where_is_reported_once_beside_all_of_the_form(seed):
     draw = random.Random(seed)
     measures = "measures: {docking: {satellite: satellite, robot: robot, contact: contact}}\n"
     data = parse(RIGHT + BONDS + measures, "config")[0]

@@ -91,7 +91,7 @@ def test_cases_of_other_draws_are_not_taken_for_those_asked_for(tmp_path, capsys
     assert "is of {'seed': 7, 'bare': 40}, not of {'seed': 20261" in capsys.readouterr().err
 
 
-def test_a_simulated_case_that_fails_is_told():
+def test_a_simulated_case_that_fails_is_reported():
     with pytest.raises(OrchestratorError, match=r"simulated case 0: .*no case"):
         list(_outcomes(pool_of(None, 1), Work(failing), [0]))
 
@@ -143,7 +143,7 @@ def test_the_kinds_are_those_that_the_calibration_was_learned_from(tmp_path, mon
         calibrate._chosen_kinds(None)
 
 
-def test_what_are_no_kinds_is_told(capsys):
+def test_what_are_no_kinds_is_reported(capsys):
     with pytest.raises(SystemExit):
         main(["--kinds", "some"])
     assert "--kinds: 'some'; allowed: all, or 0 to " in capsys.readouterr().err

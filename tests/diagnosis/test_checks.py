@@ -297,7 +297,7 @@ def test_the_labelled_cases_have_good_data():
 
 
 @pytest.mark.parametrize(("runs", "said"), [(2, "the same in 1 more run"), (3, "the same in 2 more runs")])
-def test_what_is_the_same_in_several_runs_is_told_once(runs, said):
+def test_what_is_the_same_in_several_runs_is_reported_once(runs, said):
     of_each = [Problem(f"run-{number}: force", "is mirrored", "", "Turn it.") for number in range(runs)]
     (told,) = merged_problems(of_each, "the same in {} more run{s}")
     assert told.what == f"is mirrored; {said}"

@@ -60,7 +60,7 @@ def test_an_effect_of_half_its_size_closes_half():
     assert 0.4 < told["closure"] < 0.65
 
 
-def test_recalibration_is_told_beside_the_effect():
+def test_recalibration_is_reported_beside_the_effect():
     bent = Augmented({"contact_stiffness": 176000.0 * 1.15}, (), np.zeros(0))
     told = how_far(lab(("sensor.gain",), (0.15,)), found(("sensor.gain",), (0.15,), recalibrated=bent))
     # A gain of the sensor and a stiffer contact look alike.
@@ -81,7 +81,7 @@ def test_without_repeats_the_noise_of_the_sensor_is_the_floor():
     assert told["closure"] > 0.95
 
 
-def test_without_held_out_runs_nothing_is_told():
+def test_without_held_out_runs_nothing_is_reported():
     study = lab()
     alone = replace(study, runs=study.of(Role.TRAIN))
     told = how_far(alone, found())

@@ -128,7 +128,7 @@ def test_logs_have_checksums_wherever_they_stand(study, tmp_path):
     assert kept[names[2]] == file_digest(tmp_path / "links" / "kept.gz")
 
 
-def test_every_effect_is_told_in_words():
+def test_every_effect_is_reported_in_words():
     told = {in_words(one) for one in catalogue().values()}
     assert len(told) == len(catalogue()) and not told & {one.equation for one in catalogue().values()}
     assert (
@@ -157,7 +157,7 @@ def test_the_page_stands_alone_and_tells_all(study, tmp_path):
     assert after < 1.2
 
 
-def test_what_an_experiment_leaves_tied_is_told(study, tmp_path):
+def test_what_an_experiment_leaves_tied_is_reported(study, tmp_path):
     told = {
         "name": "dead weights", "description": "Hang weights.", "expected_evidence": 40.0,
         "between": ["sensor.gain", "contact.stiffness", "structure.compliance"],
@@ -232,7 +232,7 @@ def test_percent(value, text):
     assert percent(value) == text
 
 
-def test_what_is_missing_is_told(study, tmp_path):
+def test_what_is_missing_is_reported(study, tmp_path):
     runs = tuple(run for run in study.runs if run.role is Role.TRAIN)
     made = diagnose(replace(study, runs=runs), tmp_path, parts=parts(numerics=None, energy=None)[0])
     assert made.diagnosis.left_out == {

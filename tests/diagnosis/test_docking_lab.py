@@ -108,7 +108,7 @@ def loaded(text, folder):
     return config.model.to_data()
 
 
-def test_an_fmu_that_only_gives_more_is_told(tmp_path):
+def test_an_fmu_that_only_gives_more_is_reported(tmp_path):
     inertia = catalogue()["sensor.tool-inertia"]
     made = augmented_config(
         own_study(ticks=TICKS), finding(Augmented({}, (inertia,), np.array([0.4])), (inertia.id,))
@@ -130,7 +130,7 @@ def test_what_statistics_know_and_what_nobody_knows(tmp_path):
     assert re.search(r"^extends: docking-lab$", made.text, re.M)
 
 
-def test_a_number_that_no_fmu_takes_is_told(tmp_path):
+def test_a_number_that_no_fmu_takes_is_reported(tmp_path):
     model = Augmented({}, (catalogue()["contact.damping"],), np.array([-130.0]))
     made = augmented_config(own_study(ticks=TICKS), finding(model, ("contact.damping",)))
     assert made.left_out == {"contact_damping": "-30 was found, and the FMUs take none below 0; 0 is written"}

@@ -228,7 +228,7 @@ def test_a_force_that_waves_along_the_way_is_no_noise(monkeypatch):
     assert found[0] < 3.0 and found[1] > 20.0
 
 
-def test_roughness_that_takes_up_too_much_is_told():
+def test_roughness_that_takes_up_too_much_is_reported():
     model = RigModel(study(), study().of(Role.TRAIN))
     plain = Fitter(model)
     r = plain.residuals((), plain.nominal)

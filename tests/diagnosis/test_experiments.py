@@ -65,7 +65,7 @@ def test_the_proposed_experiment_breaks_the_tie(ids, theta, ties):
         assert costs[tie] - costs[ids[0]] > told["expected_evidence"] * 0.5
 
 
-def test_what_tells_nothing_is_told_to_tell_nothing():
+def test_what_tells_nothing_is_reported_to_tell_nothing():
     ids, theta = ("sensor.gain",), (-0.1,)
     study = lab(ids, theta)
     told = next_experiment(study, found(ids, theta, ("contact.stiffness",)))
@@ -101,7 +101,7 @@ def test_of_experiments_that_are_as_good_the_cheapest_is_taken():
     assert next_experiment(study, finding, [laser, weights])["name"] == laser.name
 
 
-def test_what_stays_tied_is_told_with_the_experiment_for_it():
+def test_what_stays_tied_is_reported_with_the_experiment_for_it():
     ids, theta = ("structure.compliance",), (8e-7,)
     some = [_named("dead weights"), _named("slow reversals")]
     study, finding = lab(ids, theta), found(ids, theta, ("sensor.gain", "contact.stiffness"))
@@ -258,7 +258,7 @@ def test_a_study_names_experiments_of_its_own():
     assert "soft and slow" in told["menu"]
 
 
-def test_wrong_experiments_of_a_study_are_all_told():
+def test_wrong_experiments_of_a_study_are_all_reported():
     problems = []
     entries = [{"name": "a", "mass": "500 kg", "rods": 2}, {"mass": "1 kg"}, {"name": "b", "ticks": 1.5}]
     entries.append({"name": "c", "approach_speed": "3 kg"})

@@ -203,7 +203,7 @@ def test_a_clock_in_a_table(study, tmp_path):
         load_study(path)
 
 
-def test_what_is_wrong_is_told_at_once(study, tmp_path):
+def test_what_is_wrong_is_reported_at_once(study, tmp_path):
     for run in study.runs:
         savemat(tmp_path / f"{run.name}.mat", lab_values(run))
     path = write_study(study, tmp_path, ".mat", "{}")
@@ -370,7 +370,7 @@ def csv(tmp_path, text, **entries):
     return "\n".join(str(one) for one in problems).replace(f"{tmp_path}/", "")
 
 
-def test_a_folder_that_is_no_bag_is_told_as_such(tmp_path):
+def test_a_folder_that_is_no_bag_is_reported_as_such(tmp_path):
     with pytest.raises(LogError, match=r"is a folder, and no ROS bag .*; name a file, of \.csv"):
         read_log(tmp_path)
 

@@ -28,7 +28,7 @@ def runs(size: float, period: float = 5.0, noisy=lambda draw, speed: draw) -> fl
 
 
 @pytest.mark.parametrize("period", [3.0, 5.0, 7.3, 18.2, 41.8])
-def test_a_period_is_told_from_far_below_the_noise(period):
+def test_a_period_is_reported_from_far_below_the_noise(period):
     assert runs(0.0, period) == 0.0
     assert runs(0.3, period) > 10.0
 

@@ -85,7 +85,7 @@ def test_numbers_beyond_their_tolerances_are_named(effects, doubted, said):
         assert shown.count(words) == (1 if said else 0)
 
 
-def test_the_place_of_something_outside_is_told_to_be_one_of_a_chain():
+def test_the_place_of_something_outside_is_reported_to_be_one_of_a_chain():
     row = {"component": "structure+contact+sensor", "phase": "flight", "band": "to 10 Hz", "share": 1.0}
     assert caveats(made(("outside",), outside_place="sensor", ledger=[row])) == [
         "Logs drive contact, sensor and structure as one: that it is at the sensor, and not at contact or "
@@ -105,7 +105,7 @@ def test_several_numbers_may_tell_together_of_which_none_is_far_off():
     assert "(drive.friction +2.8, drive.mass -2.5 tolerances)" in said
 
 
-def test_a_gap_that_shows_elsewhere_than_the_effect_acts_is_told():
+def test_a_gap_that_shows_elsewhere_than_the_effect_acts_is_reported():
     where = {"drive": 0.9, "controller": 0.1}
     (told,) = caveats(made(("controller.voltage.gain",), where=where))
     assert told == (
@@ -170,7 +170,7 @@ def test_phases_stand_over_their_bands():
 @pytest.mark.parametrize(
     ("closed", "stray", "said"), [(0.97, 12.0, True), (0.97, 2.0, False), (0.5, 12.0, False)]
 )
-def test_that_recalibration_closes_as_much_is_told_beside_the_headline(closed, stray, said):
+def test_that_recalibration_closes_as_much_is_reported_beside_the_headline(closed, stray, said):
     numbers = {"nominal": 25.0, "tolerance": 2.5, "fitted": 25.0, "recalibrated": 25.0 + 2.5 * stray}
     gap = {**GAP, "recalibration_only": closed}
     told = caveats(made(how_far=gap, calibration={"room.vent": numbers}))

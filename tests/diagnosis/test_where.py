@@ -134,7 +134,7 @@ def test_a_component_that_changes_nothing_has_no_share():
 
 
 @pytest.mark.parametrize(("ids", "theta"), FAULTS, ids=str)
-def test_the_faulty_component_is_told(ids, theta):
+def test_the_faulty_component_is_reported(ids, theta):
     study, finding = lab(ids, theta), found(ids, theta)
     shares = where(study, finding)
     assert sum(shares.values()) == pytest.approx(1.0, abs=1e-9)
@@ -203,7 +203,7 @@ def test_without_contacts_there_is_nothing_to_tell():
 
 @pytest.mark.skipif(not GAP.is_dir(), reason="the labelled cases are not beside the checkout")
 @pytest.mark.parametrize("case", ["case-003", "case-008", "case-016", "case-041", "case-047", "case-059"])
-def test_the_component_of_labelled_cases_is_told(case):
+def test_the_component_of_labelled_cases_is_reported(case):
     place = json.loads((GAP / "cases" / "truth.json").read_text())[case]["places"][0]
     study = load_study(GAP / "cases" / case)
     shares = shapley_shares(study, study.of(Role.HELDOUT), NONE)

@@ -107,7 +107,7 @@ def test_options_are_overridden_by_number_and_by_target(docking):
     ]
 
 
-def test_all_that_is_wrong_is_told_at_once():
+def test_all_that_is_wrong_is_reported_at_once():
     wrong = [
         {
             "from": "a.y",

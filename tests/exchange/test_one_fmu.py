@@ -109,7 +109,7 @@ def test_a_file_that_ends_early_holds_its_last_values_and_says_so(fmu, tmp_path,
         ("time,rtae\n0,1\n", "column 'rtae' names no input"),
     ],
 )
-def test_what_is_wrong_in_a_file_is_told_with_its_place(text, said, fmu, tmp_path, capsys):
+def test_what_is_wrong_in_a_file_is_reported_with_its_place(text, said, fmu, tmp_path, capsys):
     path = signals(tmp_path / "s.csv", text)
     assert main(["run", fmu, "--input", path]) == 2
     assert said in capsys.readouterr().err

@@ -250,7 +250,7 @@ def test_signal_dictionaries_carry_values_across_systems(tmp_path):
     assert got.data["connections"] == ["one_robot.position -> two_contact.position"]
 
 
-def test_names_that_configs_do_not_take_are_changed_and_told(tmp_path):
+def test_names_that_configs_do_not_take_are_changed_and_reported(tmp_path):
     elements = component("1 robot", "robot.fmu", ROBOT) + component("_1_robot", "robot.fmu", ROBOT)
     got = read(package(tmp_path / "X.ssp", system("rig", elements), FMUS), tmp_path)
     assert list(got.data["instances"]) == ["_1_robot", "_1_robot_2"]

@@ -447,14 +447,14 @@ def _written(folder, content):
         ),
     ],
 )
-def test_what_cannot_become_an_fmu_is_told(tmp_path, overrides, options, message):
+def test_what_cannot_become_an_fmu_is_reported(tmp_path, overrides, options, message):
     with pytest.raises(ConfigError) as raised:
         export_system_fmu("docking-1d-uncompensated", tmp_path / "x.fmu", overrides=overrides, **options)
     assert message in str(raised.value)
     assert not (tmp_path / "x.fmu").exists()
 
 
-def test_a_missing_inner_binary_is_told(tmp_path):
+def test_a_missing_inner_binary_is_reported(tmp_path):
     report = exported(tmp_path, "docking-1d-uncompensated")
     spoilt = tmp_path / "spoilt.fmu"
     with zipfile.ZipFile(report.path) as whole, zipfile.ZipFile(spoilt, "w") as archive:

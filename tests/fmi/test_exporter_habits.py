@@ -51,17 +51,17 @@ def test_the_guid_is_handed_over_as_it_is_written(habit, quirky):
 
 
 @pytest.mark.parametrize("isolation", [{}, {"isolate": "process"}])
-def test_a_tolerance_is_told_where_one_is_given(isolation, quirky):
+def test_a_tolerance_is_reported_where_one_is_given(isolation, quirky):
     assert seen(quirky("tolerance"), tolerance=3e-8, **isolation)[0] == 30
     assert seen(quirky("tolerance"), **isolation)[0] == -1
 
 
-def test_a_stop_time_is_told_as_defined(quirky):
+def test_a_stop_time_is_reported_as_defined(quirky):
     assert seen(quirky("stop"))[0] == 1
 
 
 @pytest.mark.parametrize(("step", "stop"), [("0.1 s", "0.3 s"), ("0.1 s", "0.8 s"), ("0.7 ms", "2.1 ms")])
-def test_no_step_goes_beyond_the_stop_time_that_was_told(step, stop, quirky):
+def test_no_step_goes_beyond_the_stop_time_that_was_reported(step, stop, quirky):
     # 0.2 + 0.1 is more than 0.3 by a rounding.
     seen(quirky("strict stop"), step=step, stop=stop)
 
@@ -74,7 +74,7 @@ def test_no_step_of_its_own_goes_beyond_it_either(own, quirky):
         assert made.results["one.y"][-1] == pytest.approx(made.results.time[-1])
 
 
-def test_a_step_that_is_too_long_is_told_with_how_far_it_came(quirky):
+def test_a_step_that_is_too_long_is_reported_with_how_far_it_came(quirky):
     with pytest.raises(StepError) as caught:
         run(config(quirky("short steps")), halving=False)
     assert str(caught.value) == (
@@ -171,7 +171,7 @@ def test_a_library_that_stands_beside_the_one_that_needs_it_is_found(quirky):
 
 
 @linux
-def test_a_library_that_is_nowhere_is_told(quirky, tmp_path):
+def test_a_library_that_is_nowhere_is_reported(quirky, tmp_path):
     path = repack(
         quirky(helped=True),
         tmp_path / "X.fmu",
@@ -206,7 +206,7 @@ def test_warnings_of_every_call_are_no_errors(quirky):
     assert seen(quirky("warns"))[0] == 0
 
 
-def test_an_error_at_the_end_changes_no_result_and_is_told(quirky):
+def test_an_error_at_the_end_changes_no_result_and_is_reported(quirky):
     assert seen(quirky("fails at the end"))[1] == {"one": ["[error] fmi2Terminate returned error"]}
 
 

@@ -373,7 +373,7 @@ def test_two_events_in_one_step_need_event_mode(tmp_path):
     assert counts == [1.0, 2.0]
 
 
-def test_an_attribute_that_the_schema_does_not_know_is_told_and_ignored(tmp_path):
+def test_an_attribute_that_the_schema_does_not_know_is_reported_and_ignored(tmp_path):
     path = foreign.wild(tmp_path / "Wild.fmu", 'canHandelEvents="true"')
     assert load_fmu(path).description.deviations == (
         "line 3: The attribute 'canHandelEvents' is not allowed, which is ignored",
@@ -452,7 +452,7 @@ def test_the_run_with_half_the_step_is_not_made_where_the_fmu_forbids_it(tmp_pat
     assert "cannot take a step size of 0.05 s: its own is 0.1 s" in message
 
 
-def test_a_tool_that_is_needed_is_told(tmp_path):
+def test_a_tool_that_is_needed_is_reported(tmp_path):
     capabilities = 'canHandleVariableCommunicationStepSize="true" needsExecutionTool="true"'
     path = foreign.wild(tmp_path / "W.fmu", capabilities)
     notes = prepare(wild_config(path)).system.notes

@@ -95,7 +95,7 @@ def test_a_hang_is_ended_after_the_time_limit_and_keeps_the_results(wild):
     assert kept["bad.y"] == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
 
 
-def test_an_fmu_that_ends_its_process_is_told(wild):
+def test_an_fmu_that_ends_its_process_is_reported(wild):
     with pytest.raises(StepError) as caught:
         run(config(wild, LEAVE))
     assert caught.value.what == "its process died in do_step: exit code 3"
@@ -205,7 +205,7 @@ def test_an_error_of_the_fmu_is_the_same_as_without_isolation(c_fmu):
     assert told[0][0].splitlines()[0] == "one at time 0.125 s: fmi3DoStep returned error"
 
 
-def test_an_fmu_that_cannot_be_made_is_told_as_without_isolation(c_fmu, tmp_path):
+def test_an_fmu_that_cannot_be_made_is_reported_as_without_isolation(c_fmu, tmp_path):
     def other_token(name, data):
         return name, data.replace(b"{types-3}", b"{other-3}") if name.endswith(".xml") else data
 

@@ -253,7 +253,7 @@ class Doubler(Fmi2Slave):
 """
 
 
-def test_all_that_a_model_does_not_tell_is_told_at_once(tmp_path):
+def test_all_that_a_model_does_not_tell_is_reported_at_once(tmp_path):
     script = tmp_path / "doubler.py"
     text = MODEL.replace(', description="input"', "").replace('"y": {"unit": "mm"}', "")
     script.write_text(text.replace("self.dependencies = ", "self.other = "))

@@ -210,7 +210,7 @@ def test_an_assumed_loop_is_held_over_the_step_and_agrees_at_the_start(master, b
     assert found["a.y"] == pytest.approx(expected, rel=1e-12)
 
 
-def test_an_assumed_loop_that_has_no_start_is_told_and_runs():
+def test_an_assumed_loop_that_has_no_start_is_reported_and_runs():
     loop = ["a.y -> b.u", "b.y -> a.u"]
     system = assemble(
         [Part(n, gain(feedthrough=None, output=lambda v: {"y": v["u"] + 1.0})) for n in "ab"], loop
@@ -316,7 +316,7 @@ def test_an_instance_that_refuses_a_step_ends_the_run():
         simulated(system, Iterative(tolerance=1e-9), 10)
 
 
-def test_the_number_of_iterations_and_the_residual_are_told():
+def test_the_number_of_iterations_and_the_residual_are_reported():
     from orchestrator.fmi import Point
     from orchestrator.master.running_instances import instantiate
 
@@ -328,7 +328,7 @@ def test_the_number_of_iterations_and_the_residual_are_told():
 
 
 @pytest.mark.parametrize("names", [("soft", "stiff"), ("stiff", "soft")])
-def test_of_several_cycles_the_most_iterations_and_the_largest_residual_are_told(names):
+def test_of_several_cycles_the_most_iterations_and_the_largest_residual_are_reported(names):
     """The one that takes the most need not be the one that is left with the largest."""
     from orchestrator.fmi import Point
     from orchestrator.master.running_instances import instantiate

@@ -44,7 +44,7 @@ def test_thinning_loses_no_peak():
     assert (line.get_xdata()[0], line.get_xdata()[-1]) == (0.0, 1.0)
 
 
-def test_what_is_not_drawn_is_told(tmp_path):
+def test_what_is_not_drawn_is_reported(tmp_path):
     wave = np.sin(TIME)
     figure = draw_signals(results(**{f"m_{n}": wave for n in range(20)}))
     assert figure.axes[0].get_legend().get_title().get_text() == "20 signals, 6 not drawn"
@@ -149,7 +149,7 @@ def test_a_run_of_which_nothing_is_recorded():
     )
 
 
-def test_a_failed_second_run_is_told():
+def test_a_failed_second_run_is_reported():
     summary = {**SUMMARY, "numerics": {"step_size": 0.05, "error": {"message": "one: x is nan\n  more"}}}
     assert summary_text(summary).splitlines()[-1] == (
         "The run with half the step size failed, so nothing is known of the step's effect: one: x is nan"

@@ -77,14 +77,14 @@ def test_numbers_that_are_none_or_too_large_are_kept_apart():
     assert arrays["b"] == {"constant": None}
 
 
-def test_a_run_without_a_summary_is_told_as_killed(line_run, tmp_path):
+def test_a_run_without_a_summary_is_reported_as_killed(line_run, tmp_path):
     folder = tmp_path / "killed"
     shutil.copytree(line_run, folder)
     (folder / "summary.json").unlink()
     assert headline(report([folder])).startswith("Killed at 2 s or shortly after, without a summary")
 
 
-def test_a_failed_run_is_told_with_its_error(line_run, tmp_path):
+def test_a_failed_run_is_reported_with_its_error(line_run, tmp_path):
     folder = tmp_path / "failed"
     shutil.copytree(line_run, folder)
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
@@ -164,7 +164,7 @@ def test_the_energy_at_the_couplings_is_drawn_as_recorded(line_run, tmp_path):
     assert "coupling.csv: no results can be read from it" in words(report([without]))
 
 
-def test_the_datagrams_of_another_program_are_told():
+def test_the_datagrams_of_another_program_are_reported():
     times = {"count": 3, "median": 0.001, "p99": 0.002, "p999": 0.002, "max": 0.0025}
     link = {"sent": 5, "received": 4, "lost": 1, "age": times, "round_trip": times}
     text = "".join(punctuality({"external": {"rig": link}}, "x"))
@@ -246,7 +246,7 @@ def test_a_folder_of_runs_is_compared_and_bad_ones_are_refused(line_run, tmp_pat
     assert main(["report", str(line_run), "--size", "0"]) == 2
 
 
-def test_what_a_page_leaves_out_of_a_folder_is_told(line_run, tmp_path, capsys):
+def test_what_a_page_leaves_out_of_a_folder_is_reported(line_run, tmp_path, capsys):
     folder = tmp_path / "multi"
     shutil.copytree(line_run, folder)
     for name in ("a", "b"):

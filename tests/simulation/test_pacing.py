@@ -104,7 +104,7 @@ def test_garbage_is_collected_again_afterwards():
     assert gc.isenabled()
 
 
-def test_a_refused_priority_is_told(monkeypatch):
+def test_a_refused_priority_is_reported(monkeypatch):
     def refuse(*arguments):
         raise PermissionError("not permitted")
 
@@ -152,7 +152,7 @@ def test_pacing_changes_no_result(loop, tmp_path):
     assert "realtime.png" in made.files
 
 
-def test_all_that_is_wrong_with_the_options_is_told_at_once():
+def test_all_that_is_wrong_with_the_options_is_reported_at_once():
     with pytest.raises(ConfigError) as error:
         run("docking-1d-uncompensated", overrides=["run.realtime.speed=0", "run.realtime.on_miss=panic"])
     text = str(error.value)

@@ -216,7 +216,7 @@ def test_an_fmu_that_ends_the_simulation(config):
     assert made.results.time[-1] == 0.3
 
 
-def test_a_failing_second_run_is_told_and_keeps_the_first(config, capsys):
+def test_a_failing_second_run_is_reported_and_keeps_the_first(config, capsys):
     # Only the run with half the step has an instant after 0.5 s - 10 ms.
     overrides = ["one.way=nan", "one.at=0.494"]
     result = run(config, overrides=overrides)
@@ -353,7 +353,7 @@ def test_what_an_earlier_run_left_is_not_taken_for_this_ones(config, tmp_path):
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_a_full_disk_at_the_end_is_told_beside_what_went_wrong(config, tmp_path, monkeypatch, fails):
+def test_a_full_disk_at_the_end_is_reported_beside_what_went_wrong(config, tmp_path, monkeypatch, fails):
     def refuse(self, path):
         raise OSError(28, "No space left on device", str(path))
 

@@ -16,7 +16,7 @@ from orchestrator.master import create_master
 from orchestrator.system.assembly import Part
 
 
-def test_an_algebraic_loop_is_told_hop_by_hop():
+def test_an_algebraic_loop_is_reported_hop_by_hop():
     parts = [Part("a", gain(feedthrough=None)), Part("b", gain())]
     assert refusal(parts, ["a.y -> b.u", "b.y -> a.u"]).splitlines() == [
         "docking.yaml: connections: algebraic loop",
@@ -62,7 +62,7 @@ def test_what_a_loop_asks_to_be_said_can_be_pasted():
     assert yaml.safe_load(pasted) == {"y[1]": [], "y[2]": []}
 
 
-def test_a_declared_loop_among_assumed_ones_is_the_one_that_is_told():
+def test_a_declared_loop_among_assumed_ones_is_the_one_that_is_reported():
     hub = FakeFmu(name="Hub", inputs={"u": "", "v": ""}, outputs={"y": ""}, feedthrough=None)
     parts = [Part("hub", hub), Part("a", gain(feedthrough=None)), Part("b", gain())]
     text = refusal(parts, ["hub.y -> a.u", "a.y -> hub.u", "hub.y -> b.u", "b.y -> hub.v"])

@@ -209,7 +209,7 @@ def test_the_latest_value_is_held_and_losses_are_counted(pair):
     assert told["age"]["count"] == 2
 
 
-def test_a_silent_peer_is_told(pair):
+def test_a_silent_peer_is_reported(pair):
     link, peer = pair
     peer.say(1, 1.0)
     assert link.of_step(1, 5.0) == [1.0]
@@ -259,14 +259,14 @@ def test_a_stranger_who_goes_on_sending_puts_no_deadline_off(pair, monkeypatch):
         link.latest(0.5)
 
 
-def test_a_peer_that_ended_is_told(pair):
+def test_a_peer_that_ended_is_reported(pair):
     link, peer = pair
     peer.say(0, flag=Flag.END)
     with pytest.raises(LinkError, match="ended its run before its step 1"):
         link.of_step(1, 5.0)
 
 
-def test_another_number_of_values_is_told(pair):
+def test_another_number_of_values_is_reported(pair):
     link, peer = pair
     peer.say(1, 1.0, 2.0)
     with pytest.raises(LinkError, match="sends 2 values, 1 are expected: its `send` and"):
@@ -288,7 +288,7 @@ def test_a_peer_that_never_comes_ends_the_run_before_the_first_step():
     assert error.value.instance == "rig"
 
 
-def test_an_address_in_use_is_told():
+def test_an_address_in_use_is_reported():
     a, b = free_ports(2)
     model = external(a, b, send={"position": "m"})
     first = ExternalFmu("rig", model).instantiate("rig")
@@ -321,7 +321,7 @@ def test_units_are_checked_at_the_link():
         prepare(with_external(send={"command": "N"}))
 
 
-def test_all_that_is_wrong_with_a_link_is_told_at_once():
+def test_all_that_is_wrong_with_a_link_is_reported_at_once():
     wrong = with_external(
         listen="localhost", peer="127.0.0.1:99999", send={"command": "parsec"}, timeout="3", unknown=1
     )

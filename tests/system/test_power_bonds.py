@@ -42,7 +42,7 @@ def both_told(**changes):
     )
 
 
-def test_of_a_flow_and_its_displacement_the_displacement_counts_and_the_other_is_told():
+def test_of_a_flow_and_its_displacement_the_displacement_counts_and_the_other_is_reported():
     (bond,) = both_told().bonds
     assert str(bond) == (
         "damped-mass: damped.force -> mass.force, mass.position -> damped.position "

@@ -115,7 +115,7 @@ def test_the_comparison_with_half_the_step_grows_in_proportion():
     assert found[1] < 11 * found[0]
 
 
-def test_a_mistake_in_a_large_system_is_told_alone(fmu):
+def test_a_mistake_in_a_large_system_is_reported_alone(fmu):
     config = large_config(300, fmu, 2)
     config["connections"][1234] = config["connections"][1234].replace(".y", ".v")
     with pytest.raises(ConfigError) as caught:

@@ -69,7 +69,7 @@ def test_those_that_are_signals_arrive(whole, value):
     assert not [line for lines in made.summary["run"]["log"].values() for line in lines]
 
 
-def test_a_parameter_is_exact_and_what_becomes_of_it_is_told(whole, capsys, tmp_path):
+def test_a_parameter_is_exact_and_what_becomes_of_it_is_reported(whole, capsys, tmp_path):
     made = run(
         config(whole("parameter"), level_in=BEYOND), halving=False, out=tmp_path / "out", figures=False
     )

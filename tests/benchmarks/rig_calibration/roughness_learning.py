@@ -10,7 +10,7 @@ import numpy as np
 from orchestrator.diagnosis.rig.catalogue import of_hardware
 from orchestrator.diagnosis.rig.fit import Fitter
 from orchestrator.diagnosis.rig.model import RigModel
-from orchestrator.diagnosis.rig.nuisance import Weighted, scatter, settled, waves
+from orchestrator.diagnosis.rig.nuisance import Weighted, scatter, settling_weights, waves
 from orchestrator.diagnosis.rig.search import directions
 from orchestrator.diagnosis.rig.study import Array, Role, Study
 
@@ -45,7 +45,7 @@ class RoughnessProblem:
 def roughness_problem(study: Study) -> RoughnessProblem:
     """The linear problem of a study's train runs."""
     model = RigModel(study, study.of(Role.TRAIN))
-    weights = [settled(len(run)) for run in model.runs for _ in range(2)]
+    weights = [settling_weights(len(run)) for run in model.runs for _ in range(2)]
     replay = Weighted(model, weights)
     none = Fitter(replay).fit(())
     # What is reckoned with besides is none of it: contacts that scatter, waves of the encoder.

@@ -89,7 +89,7 @@ def test_platforms_have_names_in_both_versions_of_fmi(folder, architectures, nam
     assert platform_names(folder, architectures) == names
 
 
-def test_platforms_without_the_library_are_told(tmp_path, capsys):
+def test_platforms_without_the_library_are_reported(tmp_path, capsys):
     path = foreign.arrays(tmp_path / "X.fmu")
     with zipfile.ZipFile(path, "a") as file:
         file.writestr("binaries/aarch64-linux/helper.so", b"x")
@@ -112,7 +112,7 @@ def test_versions_of_fmi_give_the_same_bits_and_forms_nearly():
     assert max(one.relative for one in forms.differences) < 1e-12
 
 
-def test_a_change_is_told_in_declaration_and_behaviour(tmp_path, capsys):
+def test_a_change_is_reported_in_declaration_and_behaviour(tmp_path, capsys):
     one = foreign.flawed(tmp_path / "A.fmu")
     other = repack(
         one,

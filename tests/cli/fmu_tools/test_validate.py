@@ -95,7 +95,7 @@ def test_what_hangs_is_ended_and_the_rest_is_tried(tmp_path):
     assert by_name["infinite inputs"].verdict is Verdict.PASSED
 
 
-def test_what_crashes_when_driven_is_told_and_tried_at_rest(tmp_path):
+def test_what_crashes_when_driven_is_reported_and_tried_at_rest(tmp_path):
     found = validate_fmu(foreign.flawed(tmp_path / "X.fmu", "crashes when driven"), FEW)
     runs = [one for one in found if one.check == "run"]
     assert runs[0].reason == (
@@ -105,7 +105,7 @@ def test_what_crashes_when_driven_is_told_and_tried_at_rest(tmp_path):
     assert {one.check: one.verdict for one in found}["determinism"] is Verdict.PASSED
 
 
-def test_what_always_crashes_is_told_once(tmp_path):
+def test_what_always_crashes_is_reported_once(tmp_path):
     found = validate_fmu(foreign.flawed(tmp_path / "X.fmu", "always crashes"), FEW)
     errors = [(one.check, one.reason) for one in found if one.level is Level.ERROR]
     assert errors == [("run", "With steps of 0.01 s and inputs at rest its process died: SIGABRT (Aborted).")]
@@ -136,7 +136,7 @@ def moved(source, target, change):
     return repack(source, target, entry)
 
 
-def test_libraries_of_the_wrong_kind_are_told(tmp_path):
+def test_libraries_of_the_wrong_kind_are_reported(tmp_path):
     own = binary_folder("2.0")
     swapped = {"win64": "linux64", "linux64": "win64", "darwin64": "darwin64"}
     source = next(path for path in FMUS if path.name == "ForceSensor.fmu")
@@ -151,7 +151,7 @@ def test_libraries_of_the_wrong_kind_are_told(tmp_path):
     )
 
 
-def test_a_library_without_the_functions_is_told(tmp_path):
+def test_a_library_without_the_functions_is_reported(tmp_path):
     def rename(name, data):
         return name, data.replace(b"fmi2DoStep", b"fmi2NoStep").replace(b"fmi2CancelStep", b"fmi2CancelStop")
 
@@ -159,7 +159,7 @@ def test_a_library_without_the_functions_is_told(tmp_path):
     assert found[f"binary {binary_folder('2.0')}"][1].endswith("does not export fmi2DoStep.")
 
 
-def test_a_library_that_is_none_is_told(tmp_path):
+def test_a_library_that_is_none_is_reported(tmp_path):
     def spoil(name, data):
         return name, b"not a library at all" if name.startswith("binaries/") else data
 
