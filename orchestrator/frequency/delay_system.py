@@ -224,7 +224,9 @@ class DelaySystem:
     def check(self) -> None:
         """Raises: ConfigError if an algebraic loop has no solution, or a loop with a delay has no state."""
         if self.inputs and np.linalg.cond(self._loop_at_once) > 1e12:
-            what = "an algebraic loop has no solution, or no single one"
+            share = abs(np.linalg.svd(self._loop_at_once)[2][-1])
+            names = [name for name, one in zip(self.inputs, share, strict=True) if one > 1e-6]
+            what = f"the algebraic loop through {listed(names)} has no solution, or no single one"
             raise ConfigError([Problem("system", what, "", "Put a state or a delay into the loop.")])
         if not _contracts(self._shift()):
             what = "a loop holds a delay and direct feedthrough of gain 1 or more, and no state"
@@ -723,7 +725,8 @@ class DelaySystem:
         distance = abs(1.0 + value)
         peak = abs(value) / np.maximum(distance, 1e-300)
         near, least = _lowest(lambda w: abs(1.0 + response(1j * w)), omega, distance)
-        top, most = _lowest(lambda w: -abs(1.0 - 1.0 / (1.0 + response(1j * w))), omega, -peak)
+        with np.errstate(divide="ignore", invalid="ignore"):  # of a root on the axis
+            top, most = _lowest(lambda w: -abs(1.0 - 1.0 / (1.0 + response(1j * w))), omega, -peak)
         far = float(np.max(abs(response(1j * omega[-1] * FAR))))
         return Margins(modes.unstable, tuple(crossovers), tuple(real), least, near, -most, top, far)
 

@@ -60,7 +60,10 @@ class DiskMargin:
 def sensitivity(system: DelaySystem, connections: Sequence[str], omega: ArrayLike) -> Complex:
     """(1 + L)^-1 with connections opened, shape (k, loops, loops); omega: shape (k,) [rad/s]."""
     omega = np.atleast_1d(np.asarray(omega, np.float64))
-    return np.linalg.inv(np.eye(len(connections)) + system.open_loops(connections, omega))
+    returned = np.eye(len(connections)) + system.open_loops(connections, omega)
+    # A root that lies on the axis to rounding makes it infinite.
+    returned[np.linalg.det(returned) == 0.0] += 1e-15 * np.eye(len(connections))
+    return np.linalg.inv(returned)
 
 
 def disk_margin(system: DelaySystem, connections: Sequence[str], modes: Modes | None = None) -> DiskMargin:

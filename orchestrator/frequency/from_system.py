@@ -26,7 +26,7 @@ from ..system.signal_vector import Signals
 from ..system.system import Instance
 from .closing import chains_of, closed_system, sources
 from .delay_system import FILTER, DelaySystem, Modes
-from .inner_delays import InnerDelay, inner_delays
+from .inner_delays import InnerDelay, inner_delays, uneven
 from .late_inputs import MEASURE, acts, find_late_input
 from .margins import DelayMargin, Margins
 from .measured_part import measured_part
@@ -70,6 +70,7 @@ class Linearised:
         inner: delays between states of instances, by their name.
         laws: of instances whose equations a measure of the config knows, or that sample.
         of_measures: those whose law a measure of the config knows.
+        breaks: instances whose equations jump or bend at the operating point, as at an event.
         start: start values of the operating point that a measure of the config chose, by instance and
             variable, FMU's units; None: the point is no start of a run.
     """
@@ -82,6 +83,7 @@ class Linearised:
     laws: Mapping[str, Law] = field(default_factory=dict)
     inner: Mapping[str, tuple[InnerDelay, ...]] = field(default_factory=dict)
     of_measures: tuple[str, ...] = ()
+    breaks: tuple[str, ...] = ()
     start: Mapping[str, Mapping[str, Any]] | None = field(default_factory=dict)
 
     @property
@@ -226,6 +228,7 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
     hidden: dict[str, LateInput] = {}
     inner: dict[str, tuple[InnerDelay, ...]] = {}
     point: dict[str, float] = {}
+    breaks: list[str] = []
     fed = {str(connection.target) for connection in system.connections}
     seen = {str(leg) for connection in system.connections for leg in sources(connection)}
     with instantiate(system) as instances:
@@ -288,7 +291,13 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
                 if isinstance(found, str) and not all(acts(part, name) for name in inputs):
                     problems.append(Problem(one.name, f"it {why}, and {found}", "", MEASURE))
                     continue
-            if refusal(one) is None:
+            if refusal(one) is None and (broken := uneven(one, part, values, prepared)):
+                breaks.append(one.name)
+                notes.append(
+                    f"{one.name}: {listed(broken)} jumps or bends at the operating point, as at an event; "
+                    "roots and margins hold without that"
+                )
+            elif refusal(one) is None:
                 inner[one.name], unknown = inner_delays(one, part, values, prepared)
                 notes += [_inner_note(one, part, each) for each in inner[one.name]]
                 notes += [f"{one.name}: {unknown}"] if unknown else []
@@ -308,7 +317,15 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
         paths |= {f"{name}.{port}": late for port, late in law.late.items()}
     closed = closed_system(parts, chains, paths, inner)
     return Linearised(
-        closed, point, tuple(dict.fromkeys(notes)), parts, hidden, known, inner=inner, of_measures=tuple(laws)
+        closed,
+        point,
+        tuple(dict.fromkeys(notes)),
+        parts,
+        hidden,
+        known,
+        inner=inner,
+        of_measures=tuple(laws),
+        breaks=tuple(breaks),
     )
 
 
@@ -362,7 +379,7 @@ def _by_steps(
     within = f", after delays of {listed(f'{delay:.6g} s' for delay in delays.values())}" if delays else ""
     count = f"{len(part.states)} state{'' if len(part.states) == 1 else 's'}"
     text = f"{one.name} {why}; its step response was measured: {count}{within}, error {100 * error:.2g} %"
-    return part, late, [text] if read else []
+    return part, late, [text, _UNSEEN] if read else []
 
 
 def _inner_note(one: Instance, part: StateSpace, inner: InnerDelay) -> str:
@@ -374,6 +391,7 @@ def _inner_note(one: Instance, part: StateSpace, inner: InnerDelay) -> str:
     )
 
 
+_UNSEEN = "of measured FMUs, motion that no connected input causes or no connected output shows is left out"
 _REMEDY = (
     "Export it with providesDirectionalDerivative, or measure the loop with "
     "orchestrator.frequency.sweep_system."

@@ -7,7 +7,7 @@ difference gives the total gain of all delays. Runs that differ in a start value
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,7 +22,7 @@ from ..system.system import Instance
 from .statespace import StateSpace, differentiation, linearised, state_names
 from .twin_runs import step_all
 
-__all__ = ["InnerDelay", "initial_gains", "inner_delays", "with_lines"]
+__all__ = ["InnerDelay", "initial_gains", "inner_delays", "uneven", "with_lines"]
 
 Array = NDArray[np.float64]
 
@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 _CHANGE = 1e-4
 # A difference of an output or a derivative below this share of its own counts as none.
 _SEEN = 1e-4
+# What a jump or a bend has to be, relative to the linear change, and to the value.
+_BENT, _ROUNDED = 1e-3, 1e-8
 # Steps of the runs, and steps in a communication step; samples that a delay is fitted to.
 _STEPS = (64, 512, 5_000)
 _FINE = (1, 8, 64)
@@ -83,14 +85,26 @@ def inner_delays(
     runs = _Runs(one, part, values, prepared)
     try:
         gains = runs.gains()
-        if not gains.any():
-            return (), ""
-        found = runs.found(gains)
-    except OrchestratorError:  # it refuses to run on its own
+    except OrchestratorError:  # it refuses to be initialised on its own
         return (), ""
-    if isinstance(found, str):
-        return (), found
-    return found, ""
+    if not gains.any():
+        return (), ""
+    try:
+        found = runs.found(gains)
+    except OrchestratorError as error:
+        found = f"{runs.told(gains)}, and it does not run on its own: {str(error).splitlines()[0]}"
+    return ((), found) if isinstance(found, str) else (found, "")
+
+
+def uneven(one: Instance, part: StateSpace, values: Mapping[str, Any], prepared: Prepared) -> list[str]:
+    """Derivatives and outputs that jump or bend where the FMU stands, as at an event.
+
+    Args: as `initial_gains`.
+    """
+    try:
+        return _Runs(one, part, values, prepared).uneven()
+    except OrchestratorError:  # it refuses to be initialised on its own
+        return []
 
 
 class _Runs:
@@ -158,16 +172,20 @@ class _Runs:
         if not self.chosen or not self.rows:
             return found
         # All at once first: most FMUs have no delay.
-        draw = np.random.default_rng(1)
-        share = np.zeros(len(self.columns))
-        share[self.chosen] = draw.uniform(0.5, 1.0, len(self.chosen)) * draw.choice([-1.0, 1.0])
-        if not self._remaining(share * self.heights).any():
+        if not self._remaining(self._drawn()).any():
             return found
         for column in self.chosen:
             changes = np.zeros(len(self.columns))
             changes[column] = self.heights[column]
             found[:, column] = self._remaining(changes) / self.heights[column]
         return found
+
+    def _drawn(self) -> Array:
+        """Changes of all states and inputs at once, shape (n + m,)."""
+        draw = np.random.default_rng(1)
+        share = np.zeros(len(self.columns))
+        share[self.chosen] = draw.uniform(0.5, 1.0, len(self.chosen)) * draw.choice([-1.0, 1.0])
+        return share * self.heights
 
     def _remaining(self, changes: Array) -> Array:
         """What rows change by, beside the directional derivatives; 0 where that is rounding."""
@@ -205,9 +223,33 @@ class _Runs:
                 fine = _FINE[_FINE.index(fine) + 1]
             else:
                 place += 1
-        names = listed([self.rows[row] for row in rows if row not in delays])
-        before = listed([self.columns[column] for column in columns])
-        return f"{names} depends on what {before} was before, not by a delay that was found; that is left out"
+        return f"{self.told(gains, delays)}, not by a delay that was found; that is left out"
+
+    def told(self, gains: Array, but: Collection[int] = ()) -> str:
+        """What total gains say of rows, but some."""
+        names = listed([self.rows[row] for row in np.flatnonzero(gains.any(axis=1)) if row not in but])
+        before = listed([self.columns[column] for column in np.flatnonzero(gains.any(axis=0))])
+        return f"{names} depends on what {before} was before"
+
+    def uneven(self) -> list[str]:
+        """See `uneven`."""
+        if not self.chosen or not self.rows:
+            return []
+        changes, middle = self._drawn(), self.initial(np.zeros(len(self.columns)))
+
+        def parts(changes: Array) -> tuple[Array, Array]:
+            up, down = self.initial(changes), self.initial(-changes)
+            return 0.5 * (up - down) - self.jacobian @ changes, up + down - 2.0 * middle
+
+        odd, even = parts(changes)
+        least = _BENT * abs(self.jacobian) @ abs(changes) + _ROUNDED * abs(middle)
+        if np.all(np.maximum(abs(odd), abs(even)) <= least):
+            return []
+        half_odd, half_even = parts(0.5 * changes)
+        # Of half the change a jump leaves all, a bend half, and a smooth law a quarter of what is even.
+        jumps = (abs(odd) > least) & (abs(half_odd) > 0.75 * abs(odd))
+        bends = (abs(even) > least) & (abs(half_even) > 0.375 * abs(even))
+        return [name for name, one in zip(self.rows, jumps | bends, strict=True) if one]
 
     def courses(self, columns: NDArray[np.intp], steps: int, fine: int) -> tuple[Array, Any, Array]:
         """Runs that differ in one state or input each.

@@ -69,7 +69,7 @@ class Margins:
     @property
     def sensitivity_peak(self) -> float:
         """Largest |1/(1 + L)|."""
-        return 1.0 / self.modulus_margin
+        return 1.0 / self.modulus_margin if self.modulus_margin else np.inf
 
     @property
     def phase_margin(self) -> float:

@@ -56,7 +56,7 @@ def system_stability(
         together = {
             "connections": names,
             **_disk(found),
-            "sensitivity_peak": found.sensitivity_peak,
+            "sensitivity_peak": _number(found.sensitivity_peak),
             "sensitivity_peak_at": found.sensitivity_peak_at,
         }
     late = names or linear.system.loops()
@@ -64,7 +64,7 @@ def system_stability(
     unlike = unlike_parts(linear.started(prepared), linear, modes) if linear.start is not None else []
     return {
         "title": prepared.config.model.title or prepared.config.name,
-        "verdict": _verdict(modes) + _without(unlike),
+        "verdict": _verdict(modes) + _without(unlike, linear.breaks),
         "modes": [
             {
                 "root": [one.root.real, one.root.imag],
@@ -100,8 +100,8 @@ def _verdict(modes: Modes) -> str:
     return "stable"
 
 
-def _without(unlike: Sequence[Unlike]) -> str:
-    names = [one.instance for one in unlike if not one.drifts]
+def _without(unlike: Sequence[Unlike], breaks: Sequence[str]) -> str:
+    names = list(dict.fromkeys([*breaks, *(one.instance for one in unlike if not one.drifts)]))
     return f", without what {listed(names)} does beside its linear equations" if names else ""
 
 
@@ -129,7 +129,7 @@ def _margins(one: Margins) -> dict[str, Any]:
         "phase_margin": _number(one.phase_margin),
         "delay_margin": _number(one.delay_margin),
         "modulus_margin": one.modulus_margin,
-        "sensitivity_peak": one.sensitivity_peak,
+        "sensitivity_peak": _number(one.sensitivity_peak),
         "crossovers": [vars(each) for each in one.crossovers],
     }
 
@@ -175,7 +175,7 @@ def system_text(report: dict[str, Any]) -> str:
         lines.append(f"{len(one['connections'])} loops opened at once: {_disk_in_words(one)}")
     if report["later"] is not None:
         lines += later_words(report["later"])
-    lines.append(step_text(report["sampled"], not report["verdict"].startswith("unstable")))
+    lines.append(step_text(report["sampled"], report["verdict"].startswith("stable")))
     lines += [f"note: {one}" for one in report["notes"]]
     return "\n".join(lines)
 
