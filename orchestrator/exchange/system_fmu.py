@@ -15,6 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, cast
 
 from ..base.errors import BuildError, ConfigError, Problem
+from ..base.text_tables import html_table
 from ..config import Config, load_config
 from ..simulation.run import prepare
 from ..translate.coupled import binary
@@ -130,19 +131,15 @@ def _members(
 def _system(inside: Inside) -> str:
     """What the page says about the system: its instances, its connections, and how it is stepped."""
     system, run = inside.system, inside.prepared.config.model.run
-    rows = "".join(
-        f"<tr><td>{escape(one.name)}</td><td>{escape(one.fmu.description.name)}</td>"
-        f"<td>{one.fmu.description.fmi_version}</td><td>{escape(one.fmu.description.description)}</td></tr>\n"
-        for one in system.instances
-    )
+    heads = ("instance", "model", "FMI", "description")
+    fmus = ((one.name, one.fmu.description) for one in system.instances)
+    rows = [(name, fmu.name, fmu.fmi_version, fmu.description) for name, fmu in fmus]
     connections = escape("\n".join(map(str, system.connections)))
     return (
         f"<p>The FMUs below are stepped together, by the master {run.master_name}, every {run.step_size}; "
         "communication steps are whole multiples of that. Connected inputs hold their values over a step, "
         "inputs of this FMU over a communication step. An importer's tolerance is not passed on.</p>\n"
-        "<table>\n"
-        "<tr><th>instance</th><th>model</th><th>FMI</th><th>description</th></tr>\n"
-        f"{rows}</table>\n<pre>\n{connections}</pre>"
+        f"{html_table(rows, heads)}\n<pre>\n{connections}</pre>"
     )
 
 
