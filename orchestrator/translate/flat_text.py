@@ -9,6 +9,9 @@ from itertools import product
 from typing import Any
 
 from .flatten import Json
+from .hybrid.adapted import Section
+from .hybrid.sections import hidden_section
+from .lexer import tokenise
 from .sources import DELAY, Spans
 
 __all__ = ["flat_modelica"]
@@ -64,8 +67,11 @@ class _Printer:
             self._in_function = True
             yield from self._function(function)
             self._in_function = False
+        sections = flat.get("sections", {})
+        hidden = {one: hidden_section(one, sections) for one in flat["variables"]} if sections else {}
         for one, body in flat["variables"].items():
-            yield f"  {self._declaration(one, body)}"
+            if hidden.get(one) is None:
+                yield f"  {self._declaration(one, body)}"
         yield from self._section("initial equation", flat["initial_equations"], [])
         yield from self._section("equation", flat["equations"], flat["structured_equations"])
         for chain in flat["when_chains"]:
@@ -77,7 +83,31 @@ class _Printer:
                 yield head
                 for statement in one["statements"]:
                     yield from self._statement(statement, "  ")
+        for found in hidden.values():
+            if found is not None:
+                yield "initial algorithm" if found[1].initial else "algorithm"
+                yield from (f"  {line}" for line in self._renamed(*found).splitlines() if line.strip())
         yield f"end {name};"
+
+    def _renamed(self, owner: str, section: Section) -> str:
+        """The text of a section, with the names that its component's variables have in the flat model."""
+        text, tokens = section.text.strip(), tokenise(section.text.strip(), section.file)
+        place = 0
+        edits: list[tuple[int, int, str]] = []
+        while place < len(tokens):
+            end = place
+            while end + 2 < len(tokens) and tokens[end + 1].text == "." and tokens[end + 2].kind == "name":
+                end += 2
+            path = ".".join(one.text for one in tokens[place : end + 1 : 2])
+            full = f"{owner}.{path}" if owner else path
+            if tokens[place].kind == "name" and full in self._flat["variables"]:
+                last = tokens[end]
+                edits.append((tokens[place].start, last.start + len(last.text), _quoted(full)))
+            place = end + 1
+        for start, stop, name in reversed(edits):
+            text = text[:start] + name + text[stop:]
+        first, _, rest = text.partition("\n")
+        return f"{first}\n{textwrap.dedent(rest)}"
 
     def _declaration(self, name: str, body: Json) -> str:
         words = []

@@ -41,7 +41,7 @@ def show_model(
         name = tree.model_name(model)
         folders = library_paths(libraries)
         if stage == "flat":
-            flat, spans = flat_form(tree, name, folders)
+            flat, spans = flat_form(tree, name, folders, hidden=True)
             functions = FunctionTexts(tree, folders)
             return flat_modelica(
                 flat, name, spans, lambda one: found.text if (found := functions(one)) is not None else ""

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator
 
 from orchestrator.base.errors import listed
 
-from .dae import Condition, DaeModel
 from .expression import Expr
 from .matching import Block
+from .model import Condition, DaeModel
 from .structure import System
 
 __all__ = ["blocks_text"]

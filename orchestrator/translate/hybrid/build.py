@@ -18,9 +18,10 @@ from ..presentation import dress, sources_of
 from ..sizes import refuse_other_sizes
 from ..sources import SourceTree
 from .code import generate_hybrid_c, layout_of
-from .dae import DaeModel, read_dae
+from .dae import read_dae
 from .description import describe_hybrid
 from .front_end import FunctionTexts, dae_form
+from .model import DaeModel
 from .structure import System, solve_order, unbalanced
 
 __all__ = ["counted", "read", "solved", "translate_hybrid", "understood"]

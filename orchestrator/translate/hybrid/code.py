@@ -9,10 +9,10 @@ from itertools import accumulate
 from ..package import TOKEN_MARK, c_string
 from . import expression as ex
 from .adapted import MARK
-from .dae import Action, DaeModel, Scalar
 from .expression import Expr
 from .functions import function_code
 from .matching import Block
+from .model import Action, DaeModel, Scalar
 from .sparsity import colours_of, columns_of, factors_of
 from .structure import System
 from .tables import table_code

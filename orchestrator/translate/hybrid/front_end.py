@@ -76,14 +76,31 @@ def dae_form(
 
 
 def flat_form(
-    tree: SourceTree, model: str, libraries: Sequence[Path] = (), *, partial: bool = False
+    tree: SourceTree,
+    model: str,
+    libraries: Sequence[Path] = (),
+    *,
+    partial: bool = False,
+    hidden: bool = False,
 ) -> tuple[dict[str, Any], Spans]:
-    """The flat representation, and places; arguments and errors as of `dae_form`."""
-    if not libraries_used(tree, libraries) and not partial and not adapts(tree):
-        flat, paths = flatten(tree, model)
-        return flat, Spans(tree, {number: (path, tree.texts.get(path, "")) for number, path in paths.items()})
-    forms, spans = _forms(tree, model, libraries, TIME_LIMIT, partial, ("dae", "flat"))
-    return forms["flat"], spans
+    """The flat representation, and places; arguments and errors as of `dae_form`.
+
+    Args:
+        hidden: whether it may lack algorithm sections, which are then its "sections".
+    """
+    alone = not libraries_used(tree, libraries) and not partial and not adapts(tree)
+    try:
+        if alone:
+            flat, paths = flatten(tree, model)
+            files = {number: (path, tree.texts.get(path, "")) for number, path in paths.items()}
+            return flat, Spans(tree, files)
+        forms, spans = _forms(tree, model, libraries, TIME_LIMIT, partial, ("dae", "flat"))
+    except CompilerRefusal as refusal:
+        if not hidden or "algorithm" not in str(refusal):
+            raise
+        rewritten = frozenset(("functions", "sections"))
+        forms, spans = _forms(tree, model, libraries, TIME_LIMIT, partial, ("dae", "flat"), rewritten)
+    return {**forms["flat"], "sections": forms["dae"]["sections"]}, spans
 
 
 # The compiler's last answers: a check asks for several forms of one model.

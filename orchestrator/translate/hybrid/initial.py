@@ -16,9 +16,9 @@ from orchestrator.base.errors import BuildError, listed
 from ..faults import PlacedError
 from ..sources import Location
 from . import expression as ex
-from .dae import DaeModel
 from .expression import Expr
 from .matching import Block, blocks_of, matched
+from .model import DaeModel
 
 __all__ = ["Check", "initial_system", "parameter_values", "places_of"]
 

@@ -15,10 +15,10 @@ from orchestrator.base.errors import BuildError, listed
 
 from ..faults import PlacedError
 from . import expression as ex
-from .dae import DaeModel, Scalar
 from .expression import Expr
 from .initial import Check, initial_system, parameter_values, places_of
 from .matching import Block, augmented, blocks_of, matched
+from .model import DaeModel, Scalar
 
 __all__ = ["System", "solve_order", "unbalanced"]
 

@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("rumoca", reason="needs the extra build")
 
 from orchestrator.base.errors import BuildError
+from orchestrator.translate.show import show_model
 from tests.translate.hybrid.test_hybrid_models import made, run
 
 
@@ -310,3 +311,31 @@ end M;
         expected = 0.8 * 9.81 * fall * after - 9.81 * after**2 / 2
         assert found[heights[k]][-1] == pytest.approx(expected, rel=1e-7)
     assert found["hits[1]"][-1] == 1
+
+
+def test_show_flat_holds_the_sections_that_the_compiler_does_not_see(tmp_path):
+    """Its text is a model again, with the same solution."""
+    source = tmp_path / "Whole.mo"
+    source.write_text("""model Whole
+  model Part
+    parameter Integer n = 3;
+    Real x(start=1, fixed=true), s, a[n];
+  algorithm
+    s := 0;
+    for i in 1:n loop
+      a[i] := i*x;
+      if a[i] > s then
+        s := a[i];
+      end if;
+    end for;
+  equation
+    der(x) = -s;
+  end Part;
+  Part p, q(x(start=2));
+end Whole;
+""")
+    text = show_model(source, "flat", model="Whole")
+    assert "'q.a'[i] := i*'q.x';" in text
+    found = run(made(tmp_path, text, model="Whole"), 1.0, 0.5, "'p.x'", "'q.a'[3]")
+    assert found["'p.x'"] == pytest.approx(np.exp(-3 * found["time"]), rel=1e-6)
+    assert found["'q.a'[3]"] == pytest.approx(6 * np.exp(-3 * found["time"]), rel=1e-6)
