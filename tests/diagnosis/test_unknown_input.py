@@ -6,8 +6,9 @@ import json
 import math
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import ports_bench
@@ -16,16 +17,18 @@ import yaml
 from scipy.integrate import solve_ivp
 
 import orchestrator as orc
+from orchestrator.base.errors import ConfigError
+from orchestrator.diagnosis.study.player import Player
 from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.study.study import Role
 from orchestrator.diagnosis.unknown_input.answer import answer
 from orchestrator.diagnosis.unknown_input.corrected import write_corrected
 from orchestrator.diagnosis.unknown_input.diagnose import DiagnosedSystem
-from orchestrator.diagnosis.unknown_input.law_fit import Candidate
+from orchestrator.diagnosis.unknown_input.law_fit import Candidate, readable
 from orchestrator.diagnosis.unknown_input.laws import library
 from orchestrator.diagnosis.unknown_input.model import Inserted, StateModel
 from orchestrator.diagnosis.unknown_input.places import Runs, rank
-from orchestrator.diagnosis.unknown_input.played import LawEffect
+from orchestrator.diagnosis.unknown_input.played import LawEffect, PlayedModel
 from orchestrator.diagnosis.unknown_input.separate import Simulable, separating
 from orchestrator.system.connection import Port
 
@@ -101,28 +104,30 @@ def logged(
     push: Callable[[float], float] = lambda t: 0.0,
     seconds: float = 8.0,
     late: float | None = None,
+    masses: Sequence[float] = (2.0, 2.0, 2.0),
 ) -> Path:
     """Write three runs in which `hidden(position, velocity)` [N] acts on the mass.
 
     Args:
         late: delay [s] of a force that jumps four times a second.
+        masses: of each run [kg].
     """
     random = np.random.default_rng(4)
-    for name in "abc":
+    for name, mass in zip("abc", masses, strict=True):
         time = np.arange(0.0, seconds, 0.01)
         tones, phases = random.uniform(0.5, 8.0, 6), random.uniform(0.0, 6.3, 6)
         force = 6.0 * np.sin(np.outer(time, tones) + phases).sum(axis=1) / 3.0
         if late is not None:
             force = force[np.arange(len(time)) // 25 * 25]
 
-        def rate(t: float, x: list[float], time=time, force=force) -> list[float]:
+        def rate(t: float, x: list[float], time=time, force=force, mass=mass) -> list[float]:
             if late is None:
                 driven = float(np.interp(t, time, force))
             else:
                 driven = float(force[max(0, math.floor((t - late) / 0.01 + 1e-9))])
             f = gain(t) * driven - 80.0 * x[0] - 2.0 * x[1] + hidden(x[0], x[1])
             f += push(t)
-            return [x[1], f / 2.0]
+            return [x[1], f / mass]
 
         found = solve_ivp(
             rate, (0.0, seconds), [start, 0.0], t_eval=time, rtol=1e-8, atol=1e-10, max_step=0.01
@@ -306,3 +311,92 @@ def test_an_experiment_separates_laws_that_agree_on_the_logs(fmus: Path) -> None
     assert found.what.startswith("repeat the run a with") and "amplitude" in found.what
     assert found.rival == "viscous at mass.force of mass.velocity"
     assert found.difference > 2.0 * found.before
+
+
+def with_values(path: Path, values: Sequence[dict[str, str]]) -> Path:
+    """The study whose runs set these values; the mass is calibrated no more."""
+    data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    del data["calibrated"]["mass.mass"]
+    for run, own in zip(data["runs"], values, strict=True):
+        run["set"] = own
+    path = path.with_name("values.yaml")
+    path.write_text(yaml.safe_dump(data), encoding="utf-8")
+    return path
+
+
+def test_runs_with_other_masses_and_starts_share_one_law(fmus: Path) -> None:
+    path = logged(fmus, lambda x, v: -3.0 * v * abs(v), start=0.05, masses=(2.0, 5.0, 3.0))
+    given = [{"mass.mass": f"{mass} kg", "mass.position": "50 mm"} for mass in (2, 5, 3)]
+    study = load_port_study(with_values(path, given))
+    with StateModel(study) as states, PlayedModel(study) as played:
+        assert not any("mass.mass" in one.name for one in (*states.places(), *played.places()))
+        for run in study.runs:
+            begin = states.started(run)
+            # The master simulates with a step of 5 ms, the state form without.
+            one = Runs(states, [run]).simulated(*states.external(run), np.r_[begin, states.nominal])[0]
+            two = Runs(played, [run]).simulated(*played.external(run), played.nominal)[0]
+            assert float(np.abs(one - two).max()) < 0.03 * float(np.ptp(one))
+    found = answer(study)
+    assert found.verdict == "law" and found.fitted is not None
+    assert [one.law.family for one in found.fitted.laws] == ["drag"]
+    assert found.closed > 0.95 and found.remains < 1.2
+
+
+def test_all_faults_of_what_runs_set_are_reported_at_once(fmus: Path) -> None:
+    path = logged(fmus, lambda x, v: 0.0, seconds=2.0)
+    first = {"mass.weight": "2 kg", "mass.mass": "2 m"}
+    faults = [first, {"spring.stiffness": "70 N/m"}, {"mass.force": "1 N"}]
+    with pytest.raises(ConfigError) as error:
+        load_port_study(with_values(path, faults))
+    text = str(error.value)
+    for part in ("runs[0].set.mass.weight: no such", "mass.mass: ", "is calibrated, too", "mass.force"):
+        assert part in text
+    assert len(error.value.problems) == 4
+
+
+def test_only_the_part_that_a_law_changes_is_simulated_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Logs feed the controller and the drive, so that neither depends on the other."""
+    path = ports_bench.study(tmp_path, seed=None, logged={"drive.velocity": ("m/s", 1e-4)})
+    data = yaml.safe_load((path / "study.yaml").read_text(encoding="utf-8"))
+    for name in ("drive.position", "drive.velocity", "controller.voltage"):
+        data["columns"][name]["feed"] = True
+    (path / "study.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
+    study = load_port_study(path)
+    calls = list[tuple[Port, ...]]()
+    plain = Player.run
+
+    def counted(self: Player, *args: Any, **more: Any) -> Any:
+        calls.append(self.compared)
+        return plain(self, *args, **more)
+
+    with PlayedModel(study) as model:
+        runs = Runs(model, study.of(Role.TRAIN))
+        monkeypatch.setattr(Player, "run", counted)
+        ext, held, logs, start = runs.data[0]
+        z = np.r_[start, model.nominal]
+        first = runs.simulated(ext, held, z)[0]
+        assert sorted(map(len, calls)) == [1, 2]
+        assert np.abs(first - logs).max() < 1e-9
+        place = next(one for one in model.places() if one.name == "drive.load")
+        law = next(one for one in readable(model, place) if one.law.name == "offset")
+        second = runs.simulated(ext, held, np.r_[z, 5.0], [law.inserted])[0]
+        moved = [model.compared[k] for k in np.flatnonzero(np.abs(second - first).max(axis=0))]
+        assert set(moved) == {Port("drive", "position"), Port("drive", "velocity")} == set(calls[2])
+        runs.simulated(ext, held, z)
+        assert len(calls) == 3
+
+
+def test_the_master_replays_a_delay_without_approximation(tmp_path: Path) -> None:
+    late = {"from": ["controller.voltage"], "to": "drive.voltage", "through": [{"delay": "6.5 ms"}]}
+    study = load_port_study(ports_bench.study(tmp_path, [late], seed=None))
+    with PlayedModel(study) as model:
+        place = next(one for one in model.places() if one.name == "drive.voltage")
+        law = next(one for one in readable(model, place) if one.law.delay)
+        ext, _, logs, start = Runs(model, study.of(Role.TRAIN)).data[0]
+        z = np.r_[start, np.zeros(law.law.states), model.nominal, 0.0065]
+        found = model.simulated(ext, z, [law.inserted])[0]
+        assert np.abs(found - logs).max(axis=0) == pytest.approx([0.0, 0.0], abs=1e-9)
+        without = model.simulated(ext, np.r_[start, model.nominal])[0]
+        assert (np.abs(without - logs).max(axis=0) > 100.0 * model.noise).all()

@@ -51,7 +51,11 @@ class Logged(Column):
 
 
 class RunModel(BaseModel):
-    """One of `runs`."""
+    """One of `runs`.
+
+    Attributes:
+        values: by parameter, or by output that takes a start value, where the run differs from the config.
+    """
 
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
 
@@ -62,6 +66,7 @@ class RunModel(BaseModel):
     without: list[str] = []
     repeats: str | None = None
     name: str | None = None
+    values: dict[str, Any] = Field({}, alias="set")
 
 
 class CalibratedModel(BaseModel):

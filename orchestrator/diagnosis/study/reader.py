@@ -111,6 +111,11 @@ class _Reader:
             if one.causality is Causality.PARAMETER and one.kind is Kind.REAL and not one.shape
         }
 
+        self.starts = {
+            name: one for name, one in self.ports.items()
+            if one.causality is Causality.OUTPUT and one.settable
+        }  # fmt: skip
+
     def _parts(self) -> int:
         """Communication steps from one sample of the logs to the next."""
         step, given = float(self.prepared.grid.step_size), self.model.interval
@@ -130,7 +135,7 @@ class _Reader:
         nominal = self._nominal()
         settled = sheet.seconds(model.settle, "settle")
         step = self.step if self.faithful else None
-        columns = Columns(_named(model), mapping, units, step, tuple(map(str, compared)))
+        columns = Columns(_named(model), mapping, units, step, tuple(map(str, compared)), self._value)
         runs = read_runs(sheet, model.runs, columns, round(settled / self.step))
         self._moving(runs, compared, round(settled / self.step))
         if sheet.problems:
@@ -210,13 +215,28 @@ class _Reader:
                 self.problems.append(Problem(f"{place}.hold", what, allowed, "Leave it out, or feed it."))
         return tuple(fed), tuple(compared)
 
+    def _value(self, name: str, value: Any, *path: str | int) -> float | None:
+        """A parameter or a start value of one run."""
+        if name in self.model.calibrated:
+            what, remedy = "is calibrated, too", "Calibrate it, or set it in each run."
+            self.sheet.add(path, what, "a parameter without a tolerance", remedy)
+            return None
+        return self._number(name, value, *path, difference=False, among=self.parameters | self.starts)
+
     def _number(
-        self, name: str, value: Any, *path: object, least: float = -math.inf, difference: bool = True
+        self,
+        name: str,
+        value: Any,
+        *path: object,
+        least: float = -math.inf,
+        difference: bool = True,
+        among: Mapping[str, Variable] | None = None,
     ) -> float | None:
         """A quantity in the unit of a parameter; None if it is none. See `Sheet.size`."""
-        variable = self.parameters.get(name)
+        known = self.parameters if among is None else among
+        variable = known.get(name)
         if variable is None:
-            self.sheet.add(path, "no such parameter", listed(self.parameters), nearest(name, self.parameters))
+            self.sheet.add(path, "no such parameter", listed(known), nearest(name, known))
             return None
         measure = Measure(variable.unit_name, variable.unit, variable.display_units)
         return self.sheet.size(measure, value, *path, least=least, difference=difference)

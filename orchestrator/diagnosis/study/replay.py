@@ -53,6 +53,7 @@ class Replay:
         for port, column in study.columns.items():
             if column.start and port in run.logs:
                 start[port] = float(run.logs[port][0])
+        start.update(run.values)
         return self._player.run(run.logs, len(run), start, stops=stops)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -44,6 +44,8 @@ class Columns:
         units: in which signals are taken, by name.
         step: communication step [s]; None if it is not known.
         compared: signals that are compared.
+        number: reads the value of a parameter or a start value, from its name, the value and its place; None
+            if nothing is known of the system.
     """
 
     named: tuple[str, ...]
@@ -51,6 +53,7 @@ class Columns:
     units: Mapping[str, str]
     step: float | None
     compared: tuple[str, ...] = ()
+    number: Callable[..., float | None] | None = None
 
 
 def read_runs(
@@ -150,6 +153,11 @@ class _Run:
             there = [one.name for one in self.path.parent.iterdir()] if self.path.parent.is_dir() else []
             what = f"no file {self.path.name} in {self.path.parent}"
             sheet.add((*self.place, "file"), what, remedy=nearest(self.path.name, there))
+        values = {
+            Port.of(name): found for name, value in model.values.items()
+            if self.columns.number is not None
+            and (found := self.columns.number(name, value, *self.place, "set", name)) is not None
+        }  # fmt: skip
         if len(sheet.problems) > before or self.wrong:
             return None
         wanted = {name: one for name, one in mapping.items() if name not in model.without}
@@ -166,6 +174,7 @@ class _Run:
             {Port.of(name): values for name, values in found.items() if name != "time"},
             model.repeats,
             self.path,
+            values,
         )
 
     def _part(self, time: Array) -> slice | None:

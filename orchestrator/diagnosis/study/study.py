@@ -48,6 +48,7 @@ class PortRun:
     Attributes:
         logs: by port, in the unit of the port, each of shape (n,), a communication step apart.
         repeats: name of the run that it repeats; file: that it was read from.
+        values: of parameters, and start values of outputs, in place of the config's.
     """
 
     name: str
@@ -55,6 +56,7 @@ class PortRun:
     logs: Mapping[Port, Array]
     repeats: str | None = None
     file: Path | None = None
+    values: Mapping[Port, float] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(next(iter(self.logs.values()), ()))
@@ -93,6 +95,11 @@ class PortStudy:
     def of(self, *roles: Role) -> tuple[PortRun, ...]:
         """The runs of some roles."""
         return tuple(run for run in self.runs if run.role in roles)
+
+    @property
+    def varied(self) -> tuple[Port, ...]:
+        """Parameters and start values that some runs set."""
+        return tuple(sorted({port for run in self.runs for port in run.values}))
 
     @property
     def interval(self) -> float:

@@ -272,7 +272,9 @@ class StateModel:
 
     def _make(self) -> None:
         study, system = self.study, self.study.prepared.system
-        self.fed = tuple(study.fed)
+        # Parameters that differ from run to run are fed like inputs that stay constant.
+        parameters = [one for one in study.varied if system.variable(one).causality is Causality.PARAMETER]
+        self.fed = (*study.fed, *parameters)
         self.compared = tuple(study.compared)
         problems = [
             Problem(
@@ -290,6 +292,12 @@ class StateModel:
             plan = self._plan(one, nominal, problems)
             if plan is not None:
                 plans.append((one, *plan))
+        begun = {*parameters, *(Port(one.name, name) for one, names, *_ in plans for name in names)}
+        problems += [
+            Problem(str(port), "is no state, so that no run can set it", "a parameter or a state")
+            for port in study.varied
+            if port not in begun
+        ]
         if problems:
             raise ConfigError(problems)
         self.instances = [one for one, *_ in plans]
@@ -358,6 +366,10 @@ class StateModel:
         parameters = [
             port.variable for port in sorted(nominal)
             if port.instance == one.name and port.variable not in states
+        ]  # fmt: skip
+        inputs += [
+            port.variable for port in self.study.varied
+            if port.instance == one.name and variables[port.variable].causality is Causality.PARAMETER
         ]  # fmt: skip
         native: Any = fmu.instantiate(one.name)
         self._kept.callback(native.free)
@@ -449,7 +461,11 @@ class StateModel:
         """Fed signals of a run, shape (samples, fed), and which are held between samples."""
         ports = self.study.held
         count = len(run)
-        columns = [run.logs.get(port, np.full(count, self._unlogged(port))) for port in self.fed]
+        values = {port: np.full(count, value) for port, value in run.values.items()}
+        found = {**values, **run.logs}
+        columns = [
+            found[port] if port in found else np.full(count, self._unlogged(port)) for port in self.fed
+        ]
         held = np.array([port in ports for port in self.fed], np.bool_)
         return np.ascontiguousarray(np.array(columns, np.float64).reshape(len(self.fed), count).T), held
 
@@ -467,15 +483,16 @@ class StateModel:
         for port, column in self.study.columns.items():
             if column.start and port in run.logs and port in self.states:
                 x[self.states.index(port)] = run.logs[port][0]
+        for port, value in run.values.items():
+            if port in self.states:
+                x[self.states.index(port)] = value
         return x
 
     def places(self) -> list[Place]:
         """Every input, state derivative and output that an unknown input can act on."""
         found = []
         for c, row in enumerate(self.rows):
-            found += [
-                Place(str(self.inputs[i]), Kinds.INPUT, c, i) for i in range(row[_U], row[_U] + row[_NU])
-            ]
+            found += [Place(str(self.inputs[i]), Kinds.INPUT, c, i) for i in self.inputs_of(row)]
             found += [
                 Place(f"der({self.states[i]})", Kinds.RATE, c, i) for i in range(row[_X], row[_X] + row[_NX])
             ]
@@ -488,9 +505,10 @@ class StateModel:
         """Indices of a component's states, by its row."""
         return range(row[_X], row[_X] + row[_NX])
 
-    def inputs_of(self, row: Any) -> range:
-        """Indices of a component's inputs, by its row."""
-        return range(row[_U], row[_U] + row[_NU])
+    def inputs_of(self, row: Any) -> list[int]:
+        """Indices of a component's inputs, by its row; without parameters that runs set."""
+        varied = self.study.varied
+        return [i for i in range(row[_U], row[_U] + row[_NU]) if self.inputs[i] not in varied]
 
     def outputs_of(self, row: Any) -> range:
         """Indices of a component's outputs, by its row."""
@@ -500,7 +518,7 @@ class StateModel:
         """Signals of a place's component: index into [states, inputs, outputs] by name."""
         row, nx, nu = self.rows[place.component], len(self.states), len(self.inputs)
         found = {str(self.states[i]): i for i in range(row[_X], row[_X] + row[_NX])}
-        found |= {str(self.inputs[i]): nx + i for i in range(row[_U], row[_U] + row[_NU])}
+        found |= {str(self.inputs[i]): nx + i for i in self.inputs_of(row)}
         if place.kind is not Kinds.INPUT:
             for i in range(row[_Y], row[_Y] + row[_NY]):
                 found.setdefault(str(self.outputs[i]), nx + nu + i)

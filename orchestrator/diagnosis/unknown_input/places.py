@@ -59,7 +59,8 @@ class Runs:
         self.data = [(*model.external(run), model.logged(run), model.started(run)) for run in runs]
         self.sub = 1
         if model.filters:
-            self.sub = substeps(model, np.maximum(np.abs(model.start), 1e-3))
+            size = np.maximum(np.abs(model.start), 1e-3)
+            self.sub = max(substeps(model, size, ext[0]) for ext, *_ in self.data)
         found = []
         for ext, held, _, start in self.data:
             z = np.concatenate([start, model.nominal])

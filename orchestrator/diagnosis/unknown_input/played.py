@@ -6,8 +6,10 @@ Laws act at inputs and outputs, at communication points.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Sequence
-from typing import ClassVar
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +19,13 @@ from ...base.compiled_functions import njit
 from ...effects import Effect
 from ...effects.base import Array as Memory
 from ...effects.base import Numbers
+from ...effects.delay import Delay
 from ...fmi import Causality, Kind, Value
 from ...system.connection import Port
 from ..study.player import Inserted as AtPort
 from ..study.player import Player
 from ..study.replay import player_of
+from ..study.study import PortStudy
 from .calls import call_law
 from .model import COLUMNS, Inserted, Kinds, Place, StateModel
 
@@ -30,6 +34,8 @@ __all__ = ["LawEffect", "PlayedModel"]
 Array = NDArray[np.float64]
 # Numbers, and states, that a law has at most; steps of its states between two communication points.
 _MOST, _PARTS = 4, 8
+# Simulations of each part of a system that are kept.
+_KEPT = 64
 
 
 @njit()
@@ -105,6 +111,63 @@ class LawEffect(Effect):
         return 3 + _MOST
 
 
+@dataclass
+class _Part:
+    """Instances that are connected, and simulated together.
+
+    Logs that replace a signal cut a system into parts. What changes in one part leaves the others as they
+    were, so that only that part is simulated again.
+
+    Attributes:
+        compared: what is compared of it; columns: where, of all that is compared.
+        kept: simulations by runs, laws and numbers, with the logs of the run, the latest last.
+    """
+
+    instances: frozenset[str]
+    compared: tuple[Port, ...]
+    columns: list[int]
+    player: Player
+    kept: OrderedDict[Any, tuple[Array, Array]] = field(default_factory=OrderedDict)
+
+    def simulated(
+        self, ext: Array, logs: dict[Port, Array], start: dict[Port, Value], put: Sequence[AtPort]
+    ) -> Array:
+        """Its compared signals, shape (samples, compared)."""
+        own = {port: value for port, value in start.items() if port.instance in self.instances}
+        laws = [one for one in put if one.port.instance in self.instances]
+        acts = tuple((one.port, one.reads, one.effect) for one in laws)
+        key = (ext.ctypes.data, ext.shape, tuple(own.items()), acts)
+        if key not in self.kept:
+            found = self.player.run(logs, len(ext), own, laws)
+            # The logs stay with it, so that no others take their address.
+            self.kept[key] = ext, np.column_stack([found[port] for port in self.compared])
+            if len(self.kept) > _KEPT:
+                self.kept.popitem(last=False)
+        self.kept.move_to_end(key)
+        return self.kept[key][1]
+
+
+def _parts(study: PortStudy, compared: Sequence[Port]) -> list[_Part]:
+    """The parts of a study's system at which something is compared."""
+    system = study.prepared.system
+    part = {one.name: {one.name} for one in system.instances}
+    always = {port for port in study.fed if all(port in run.logs for run in study.runs)}
+    for one in system.connections:
+        reads = [port for link in one.wire.every_link for port in link.reads] if one.wire else []
+        for port in [] if one.target in always else (*one.sources, *reads):
+            if port not in always and part[port.instance] is not part[one.target.instance]:
+                part[port.instance] |= part[one.target.instance]
+                for name in part[port.instance]:
+                    part[name] = part[port.instance]
+    found = []
+    for names in {id(one): frozenset(one) for one in part.values()}.values():
+        columns = [k for k, port in enumerate(compared) if port.instance in names]
+        if columns:
+            seen = tuple(compared[k] for k in columns)
+            found.append(_Part(names, seen, columns, player_of(study, study.fed, seen)))
+    return found
+
+
 class PlayedModel(StateModel):
     """A study's system as its master simulates it; see `StateModel`.
 
@@ -115,7 +178,7 @@ class PlayedModel(StateModel):
 
     def _make(self) -> None:
         study, system = self.study, self.study.prepared.system
-        self.fed, self.compared = tuple(study.fed), tuple(study.compared)
+        self.fed, self.compared = (*study.fed, *study.varied), tuple(study.compared)
         self.instances = list(system.instances)
         driven = {one.target for one in system.connections}
         begun = {port for port, one in study.columns.items() if one.start}
@@ -132,9 +195,9 @@ class PlayedModel(StateModel):
         self.measured = np.array([self.outputs.index(one) for one in self.compared if one in self.outputs])
         self._take_numbers()
         self._driven = driven
-        self._player = player_of(study, self.fed, self.compared)
+        self._parts = _parts(study, self.compared)
         every = [*self.outputs, *(one for one in self.inputs if one in driven)]
-        self._seeing = player_of(study, self.fed, every)
+        self._seeing = player_of(study, study.fed, every)
 
     def places(self) -> list[Place]:
         """Inputs and outputs."""
@@ -161,26 +224,31 @@ class PlayedModel(StateModel):
         nx, hidden = len(self.states), sum(one.states for one in laws)
         at = nx + hidden + len(self.parameters)
         start: dict[Port, Value] = {
-            port: float(value)
-            for port, value in zip(
-                (*self.states, *self.parameters), (*z[:nx], *z[nx + hidden : at]), strict=True
-            )
+            port: float(logs.pop(port)[0]) for port in self.study.varied if port in logs
         }
+        names, values = (*self.states, *self.parameters), (*z[:nx], *z[nx + hidden : at])
+        start |= {port: float(value) for port, value in zip(names, values, strict=True)}
         put = []
         for one in laws:
             place, signal = self._port(one.place), one.signals[0]
             own = signal == nx + one.place.index + (len(self.inputs) if one.place.kind is Kinds.OUTPUT else 0)
-            effect = LawEffect(
-                address=float(one.address), own=own, states=one.states,
-                settled=sum(1 << k for k in one.settled), interval=self.study.interval,
-                values=tuple(z[at : at + one.numbers].tolist()),
-            )  # fmt: skip
+            effect: Effect
+            if one.delay and own:
+                effect = Delay(time=abs(float(z[at])), before=None)
+            else:
+                effect = LawEffect(
+                    address=float(one.address), own=own, states=one.states,
+                    settled=sum(1 << k for k in one.settled), interval=self.study.interval,
+                    values=tuple(z[at : at + one.numbers].tolist()),
+                )  # fmt: skip
             put.append(AtPort(effect, place, () if own else (self._signal(signal),)))
             at += one.numbers
-        player: Player = self._seeing if signals else self._player
-        found = player.run(logs, len(ext), start, put)
         if not signals:
-            return np.column_stack([found[port] for port in self.compared]), np.zeros((0, 0))
+            outputs = np.zeros((len(ext), len(self.compared)))
+            for part in self._parts:
+                outputs[:, part.columns] = part.simulated(ext, logs, start, put)
+            return outputs, np.zeros((0, 0))
+        found = self._seeing.run(logs, len(ext), start, put)
         nothing = np.zeros(len(ext))
         columns = [found.get(port, nothing) for port in (*self.states, *self.inputs, *self.outputs)]
         return np.column_stack([found[port] for port in self.compared]), np.column_stack(columns)

@@ -285,12 +285,17 @@ def _where(model: StateModel, laws: Sequence[Inserted], w: Place | None, order: 
     return n, *acts_of(laws, w, model.study.interval)
 
 
-def substeps(model: StateModel, scale: Array) -> int:
-    """Steps of RK4 a sample that keep the fastest mode within 0.7 of a step."""
+def substeps(model: StateModel, scale: Array, fed: Array) -> int:
+    """Steps of RK4 a sample that keep the fastest mode within 0.7 of a step.
+
+    Args:
+        fed: a run's first fed values. Its parameters are taken, and 0 for its signals.
+    """
     n, acts, signals = _where(model, (), None, 0)
     z = np.concatenate([model.start, model.nominal])
     u, y = np.zeros(len(model.inputs)), np.zeros(len(model.outputs))
-    ext = np.zeros(len(model.fed))
+    signals_fed = len(model.study.fed)
+    ext = np.r_[np.zeros(signals_fed), fed[signals_fed:]]
     delta = np.concatenate([1e-6 * scale, 1e-6 * np.abs(model.nominal) + 1e-12])
     a, _, _ = _jacobians(
         model.rows, model.wiring, z, n, ext, 0.0, acts, signals, u, y, delta, model.measured, 0.0
