@@ -65,8 +65,8 @@ def simplest(search: Search, weighed: Sequence[tuple[Fitted, Polished, float]]) 
 
 
 def _size(one: Fitted) -> int:
-    """Numbers and states of laws."""
-    return len(one.numbers) + sum(law.law.states for law in one.laws)
+    """Numbers and states of laws; a delay, whose states serve filters only, is as simple as a lag."""
+    return len(one.numbers) + sum(1 if law.law.delay else law.law.states for law in one.laws)
 
 
 def _kind(one: Fitted) -> tuple[tuple[str, int], ...]:

@@ -501,6 +501,10 @@ class StateModel:
             ]
         return found
 
+    def seen_at(self, place: Place) -> list[int]:
+        """What is compared that a law at a place may change, as indices of `compared`."""
+        return list(range(len(self.compared)))
+
     def states_of(self, row: Any) -> range:
         """Indices of a component's states, by its row."""
         return range(row[_X], row[_X] + row[_NX])

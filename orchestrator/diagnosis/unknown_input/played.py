@@ -203,6 +203,11 @@ class PlayedModel(StateModel):
         """Inputs and outputs."""
         return [one for one in super().places() if one.kind is not Kinds.RATE]
 
+    def seen_at(self, place: Place) -> list[int]:
+        """See `StateModel.seen_at`: what is compared in the same part."""
+        name = self.instances[place.component].name
+        return next((part.columns for part in self._parts if name in part.instances), [])
+
     def signals_of(self, place: Place) -> dict[str, int]:
         """Signals of a place's component: index into [states, inputs, outputs] by name."""
         row, nx, nu = self.rows[place.component], len(self.states), len(self.inputs)

@@ -17,7 +17,7 @@ from .model import Inserted
 from .places import Runs
 from .smoother import sensitive
 
-__all__ = ["Polished", "Replays", "polished"]
+__all__ = ["Polished", "Replays", "correlation_length", "polished"]
 
 Array = NDArray[np.float64]
 _WORST = 1e5  # residuals over the noise are cut off there, where a simulation runs away
@@ -109,16 +109,17 @@ class Replays:
         parameters, count = len(self.model.nominal), len(constants)
         width = count + len(deviations) - parameters
         bounded = np.r_[np.arange(parameters), np.arange(count, width)]
-        return _weight(residual, _length(residual)), np.eye(width)[bounded], deviations
+        return _weight(residual, correlation_length(residual)), np.eye(width)[bounded], deviations
 
     def sensitivity(
         self, constants: Array, starts: Sequence[Array] | None = None, sizes: Array | None = None,
-        fixed: bool = False, exact: bool = False,
+        fixed: bool = False, exact: bool = False, known: Array | None = None,
     ) -> Array:  # fmt: skip
         """Derivatives of the residual, shape (values, constants + runs * states), per size of each.
 
         Args:
             exact: by differences of simulations, which see every corner of a law, not by Jacobians.
+            known: earlier derivatives; where differences are taken, only those by laws' numbers are renewed.
         """
         begin = self.starts if starts is None else list(starts)
         sizes = self.sizes(constants) if sizes is None else sizes
@@ -127,8 +128,9 @@ class Replays:
             return self._along(constants, begin, sizes, nc)
         base = [self.left(k, begin[k], constants) for k in range(len(begin))]
         ends = np.cumsum([0, *map(len, base)])
-        found = np.zeros((ends[-1], nc + nx * len(begin)))
-        for j in range(nc + nx):
+        found = np.zeros((ends[-1], nc + nx * len(begin))) if known is None else known.copy()
+        renewed = range(nc + nx) if known is None else range(len(self.model.nominal), nc)
+        for j in renewed:
             moved, shift = constants.copy(), np.zeros(nx)
             if j < nc:
                 step = _STEP * max(1.0, abs(constants[j] / sizes[j]))
@@ -187,15 +189,20 @@ def polished(
     # What is missing is no white noise: in the end, the residual's size and its length in time weigh logs
     # against tolerances. At first the logs count more, so that the fit is free to move.
     for length in (1.0, None):
-        weight = _weight(now, _length(now) if length is None else length)
+        weight = _weight(now, correlation_length(now) if length is None else length)
 
         def function(theta: Array, weight: float = weight) -> Array:
             away = replays.deviations(*apart(theta))[np_ if fixed else 0 :]
             return np.concatenate([weight * replays.residual(*apart(theta)), away])
 
-        def jacobian(theta: Array, weight: float = weight) -> Array:
+        known: list[Array] = []
+
+        def jacobian(theta: Array, weight: float = weight, known: list[Array] = known) -> Array:
             bounds = np.eye(len(theta))[free]
-            return np.vstack([weight * replays.sensitivity(*apart(theta), size, fixed, exact), bounds])
+            # Differences cost a simulation each. Parameters stay within tolerances, laws may move far.
+            before = known[-1] if known and laws and not exact else None
+            known[:] = [replays.sensitivity(*apart(theta), size, fixed, exact, before)]
+            return np.vstack([weight * known[0], bounds])
 
         best = least_squares(function, begin, jacobian, max_nfev=trials, xtol=1e-5, ftol=1e-4, x_scale="jac")
         now, begin = best.fun[: len(now)] / weight, best.x
@@ -206,7 +213,8 @@ def polished(
     if samples is not None:
         now = Replays(runs, laws, starts=own).residual(found)
     strain = float((replays.deviations(found, own)[:np_] ** 2).sum())
-    return Polished(found, covariance, own, float(np.sqrt(np.mean(now**2))), len(now), _length(now), strain)
+    remains, length = float(np.sqrt(np.mean(now**2))), correlation_length(now)
+    return Polished(found, covariance, own, remains, len(now), length, strain)
 
 
 def _weight(residual: Array, length: float) -> float:
@@ -227,7 +235,7 @@ def _covariance(jacobian: Array, size: Array) -> Array:
         return np.nan_to_num(unit * np.outer(size, size))
 
 
-def _length(left: Array) -> float:
+def correlation_length(left: Array) -> float:
     """Integrated correlation time of a residual, in samples, up to its first change of sign."""
     centred = left - left.mean()
     count = min(len(left), 1 << 16)

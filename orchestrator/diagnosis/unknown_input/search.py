@@ -16,7 +16,7 @@ from .law_fit import Candidate, Fitted, fit, readable, screened, spread_out, sta
 from .laws import Number
 from .model import StateModel
 from .places import Runs, rank
-from .polish import Polished, polished
+from .polish import Polished, Replays, correlation_length, polished
 from .score import SAMPLES, Scores, scored
 
 __all__ = ["LEAST", "SECOND", "Search"]
@@ -61,8 +61,24 @@ class Search:
         if self.far(self.base.constants):
             near = self.limited(self.base.constants, 1.0)
             self.begins.append((self.nothing, polished(runs, (), near, self.base.starts, fixed=True)))
-        self.places = runs.model.places()
+        self.places = [one for one in runs.model.places() if self._leaves(runs.model.seen_at(one))]
         self.twins: dict[str, list[Candidate]] = {}
+
+    def _leaves(self, columns: Sequence[int]) -> bool:
+        """Whether calibration leaves more than noise in a part of the system, by its compared signals."""
+        if len(columns) == len(self.model.compared):
+            return True
+        replays = Replays(self.runs, (), starts=self.base.starts)
+        found = [replays.found(k, one, self.base.constants) for k, one in enumerate(self.base.starts)]
+        for column in columns:
+            left = np.concatenate([
+                (each - logged)[replays.settled :, column] / self.model.noise[column]
+                for each, (_, _, logged) in zip(found, replays.data, strict=True)
+            ])  # fmt: skip
+            left = left[~np.isnan(left)]
+            if float(np.mean(left**2)) > _EXPLAINED**2 or correlation_length(left) > _WHITE:
+                return True
+        return False
 
     def scores(self, beside: tuple[Fitted, Polished], late: bool = False) -> Scores:
         """Laws beside some that are fitted."""
@@ -301,7 +317,8 @@ class Search:
     def searched(self) -> list[tuple[Fitted, Polished]]:
         """Fits of all stages: no law, single laws, rarer ones, pairs, and what a filter reads."""
         every = [(self.nothing, self.base)]
-        if self.base.remains <= 1.0:
+        whole = any(len(self.model.seen_at(one)) == len(self.model.compared) for one in self.places)
+        if not self.places or (whole and self.base.remains <= 1.0):
             return every
         self.progress("laws")
         scores = [self.scores(begin) for begin in self.begins]
@@ -310,6 +327,9 @@ class Search:
             for one in _families(_unlike(tried))[:_BEAM]:
                 tried += self._wider(*one)
         singles = self.finished(tried, _KEPT)
+        if singles:
+            # Where the first laws explain the logs, others of their family may not have been tried.
+            singles = _unlike([*singles, *self.finished(self._kin(*singles[0]), 1)])
         every += singles
         if not self.explained(every):
             self.progress("rarer laws")
@@ -355,6 +375,13 @@ class Search:
                 for start in starts_of(one, self.runs)
             }
         )  # fmt: skip
+
+    def _kin(self, best: Fitted, found: Polished) -> list[tuple[Fitted, Polished]]:
+        """A single law replaced by those of its family with as many numbers."""
+        (law,) = best.laws
+        return self._fits(
+            ((one,), found.constants, found.starts) for one in _relatives(self.model, law, best.numbers)
+        )
 
     def _alike(self, best: Fitted, found: Polished) -> list[tuple[Fitted, Polished]]:
         """A pair with each law in turn replaced: by one that alone acts the same, or by one of its family."""
