@@ -10,12 +10,12 @@ from .describing import LimitCycle, describing_function, limit_cycles
 from .disk import DiskMargin, disk_margin
 from .excite import sweep_system
 from .from_system import Law, Linearised, LinearPoint, linearise
-from .linearise import direct_gains, sweep
+from .linearise import sweep
 from .margins import Crossover, Margins
 from .open_loop import OpenLoop
 from .over_parameter import parameter_range
 from .sampled_system import SampledSystem, sampled_system
-from .statespace import StateSpace, state_space
+from .statespace import StateSpace
 from .tones import Measured
 from .trim import Trimmed, trim
 
@@ -41,13 +41,11 @@ __all__ = [
     "chart_of",
     "config_chart",
     "describing_function",
-    "direct_gains",
     "disk_margin",
     "limit_cycles",
     "linearise",
     "parameter_range",
     "sampled_system",
-    "state_space",
     "sweep",
     "sweep_system",
     "trim",

@@ -12,7 +12,7 @@ from ..base.errors import ConfigError, Problem, StepError, listed, nearest
 from ..fmi import Fmu, Point, StepStatus, Value, bundled, load_fmu
 from .tones import Measured, Tones
 
-__all__ = ["direct_gains", "load", "sweep"]
+__all__ = ["sweep"]
 
 Array = NDArray[np.float64]
 
@@ -66,28 +66,6 @@ def sweep(
     )
     # The input at the instants at which outputs are read, the steps' ends: exact, not the held one.
     return tones.measured(answer.reshape(periods, steps), factor, step_size)
-
-
-def direct_gains(
-    fmu: Fmu | Path | str, inputs: list[str], outputs: list[str], start: Mapping[str, Value] | None = None
-) -> Array:
-    """Partial derivatives of outputs by inputs at the start: the gain at infinite frequency, shape (outputs,
-    inputs).
-
-    Raises: ConfigError if the FMU offers no directional derivatives.
-    """
-    loaded = load(fmu)
-    name = loaded.description.name
-    if not loaded.description.capabilities.directional_derivatives:
-        what = "it offers no directional derivatives"
-        raise ConfigError([Problem(name, what, "", "Measure the response with sweep.")])
-    instance = loaded.instantiate("linearised")
-    try:
-        instance.enter_initialisation(0.0, dict(start or {}))
-        instance.exit_initialisation()
-        return instance.output_derivatives(outputs, inputs)
-    finally:
-        instance.free()
 
 
 def load(fmu: Fmu | Path | str) -> Fmu:

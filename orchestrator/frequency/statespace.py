@@ -1,20 +1,17 @@
-"""State space of FMUs, and of systems of them, by the FMUs' own directional derivatives."""
+"""State spaces of FMUs by their own directional derivatives."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.errors import ConfigError, Problem, listed
-from ..fmi import Causality, Fmu, FmuInstance, Kind, Value
+from ..fmi import Causality, Fmu, FmuInstance, Kind
 from ..system.connection import Port
-from .linearise import load
 
 __all__ = [
     "LateInput",
@@ -24,7 +21,6 @@ __all__ = [
     "linearised",
     "real_ports",
     "state_names",
-    "state_space",
 ]
 
 Array = NDArray[np.float64]
@@ -113,48 +109,6 @@ class Law:
     late: Mapping[str, tuple[LateInput, ...]] = field(default_factory=dict)
 
 
-def state_space(
-    fmu: Fmu | Path | str,
-    inputs: Sequence[str] | None = None,
-    outputs: Sequence[str] | None = None,
-    start: Mapping[str, Value] | None = None,
-) -> StateSpace:
-    """The state space of one FMU at its start values.
-
-    Args:
-        fmu: a bundled name, a path or what `load_fmu` gave.
-        inputs, outputs: names; all real ones by default.
-        start: start values, FMU's units.
-    Raises: ConfigError if it offers no directional derivatives, if an input acts neither on a state nor on
-        an output at once, as behind a delay, or if states are not named that an output needs: then only
-        a measurement shows the effect.
-    """
-    loaded = load(fmu)
-    description = loaded.description
-    chosen = _real(loaded, Causality.INPUT) if inputs is None else tuple(inputs)
-    seen = _real(loaded, Causality.OUTPUT) if outputs is None else tuple(outputs)
-    problems = _cannot(description.name, loaded) or [
-        Problem(description.name, f"no {kind.value} {name}", f"{kind.value}s: {listed(there)}")
-        for names, kind in ((chosen, Causality.INPUT), (seen, Causality.OUTPUT))
-        for there in (_real(loaded, kind),)
-        for name in names
-        if name not in there
-    ]
-    if problems:
-        raise ConfigError(problems)
-    instance = loaded.instantiate("linearised")
-    try:
-        instance.enter_initialisation(0.0, dict(start or {}))
-        instance.exit_initialisation()
-        found = linearised(loaded, instance, chosen, seen)
-    finally:
-        instance.free()
-    problems = _hidden(description.name, found, found.outputs)
-    if problems:
-        raise ConfigError(problems)
-    return found
-
-
 def _real(fmu: Fmu, causality: Causality) -> tuple[str, ...]:
     return tuple(
         name
@@ -168,13 +122,6 @@ def real_ports(fmu: Fmu) -> list[tuple[str, bool]]:
     return [(name, False) for name in _real(fmu, Causality.INPUT)] + [
         (name, True) for name in _real(fmu, Causality.OUTPUT)
     ]
-
-
-def _cannot(name: str, fmu: Fmu) -> list[Problem]:
-    if fmu.description.capabilities.directional_derivatives and fmu.path is not None:
-        return []
-    what = "it offers no directional derivatives"
-    return [Problem(name, what, "", "Measure the response with sweep or sweep_system.")]
 
 
 def state_names(fmu: Fmu) -> list[tuple[str, str]]:
@@ -203,39 +150,6 @@ def linearised(
         if name in states:
             whole[n + index, states.index(name)] = 1.0
     return StateSpace(whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:], states, inputs, outputs)
-
-
-def _hidden(name: str, part: StateSpace, outputs: Iterable[str]) -> list[Problem]:
-    """Inputs without effect at once: behind a delay, or sampled. And of an FMU that names no states those of
-    `outputs` that no input acts on: a co-simulation FMU need not name the states behind them.
-    """
-    unmoved = [
-        one
-        for one in outputs
-        if not part.states and part.inputs and not part.d[part.outputs.index(one)].any()
-    ]
-    idle = [
-        one
-        for index, one in enumerate(part.inputs)
-        if not part.b[:, index].any() and not part.d[:, index].any()
-    ]
-    return [
-        Problem(
-            name,
-            f"input {one} acts on no state's derivative and no output at once",
-            "a delay, a sample or an inactive part of the model lies between",
-            "Measure the response with sweep or sweep_system.",
-        )
-        for one in idle
-    ] + [
-        Problem(
-            name,
-            f"no input acts on output {one} at once, and the FMU names no states",
-            "the states behind it are not known",
-            "Measure the response with sweep or sweep_system, or leave the output out.",
-        )
-        for one in unmoved
-    ]
 
 
 @cache

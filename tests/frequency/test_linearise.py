@@ -6,7 +6,7 @@ import pytest
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.fmi import RunOptions, load_fmu
-from orchestrator.frequency import direct_gains, sweep
+from orchestrator.frequency import sweep
 
 FREQUENCIES = np.geomspace(0.1, 200, 30)
 
@@ -72,13 +72,6 @@ def test_coherence_tells_a_contact_that_is_lost():
     assert contact(3e-3).coherence.min() < 0.9
 
 
-def test_direct_gains_are_the_contact_law():
-    gains = direct_gains(
-        "DockingContact", ["position", "velocity"], ["force"], {"position": 0.007, "damping": 100.0}
-    )
-    np.testing.assert_allclose(gains, [[-176e3, -100.0]], rtol=1e-12)
-
-
 def test_refusals():
     with pytest.raises(ConfigError) as caught:
         sweep("RobotResponse", "comand", "position", [0.0, 1.0], step_size=-1.0, amplitude=1.0)
@@ -97,5 +90,3 @@ def test_refusals():
         sweep("RobotResponse", "command", "position", [1.0, 200.0], step_size=1e-3, amplitude=1.0)
     with pytest.raises(ConfigError, match="no such FMU"):
         sweep("RobotRespons", "command", "position", [1.0], step_size=1e-3, amplitude=1.0)
-    with pytest.raises(ConfigError, match="it offers no directional derivatives"):
-        direct_gains("SatelliteDynamics", ["force"], ["position"])
