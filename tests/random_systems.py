@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from orchestrator.frequency.delay_system import DelaySystem, Link
+from orchestrator.frequency.delay_equation import Link
+from orchestrator.frequency.delay_system import DelaySystem
 
 STEP, STEPS, BLOCKS = 0.01, 8000, 8
 

@@ -5,7 +5,8 @@ Imports `exchange` and the packages below it.
 
 from .chart import chart_of, config_chart
 from .chart_report import Chart, chart_figure
-from .delay_system import DelaySystem, Link, Mode, Modes
+from .delay_equation import Link, Mode, Modes
+from .delay_system import DelaySystem
 from .describing import LimitCycle, describing_function, limit_cycles
 from .disk import DiskMargin, disk_margin
 from .excite import sweep_system

@@ -12,7 +12,8 @@ import scipy.linalg
 from ..base.errors import Problem, listed
 from ..system.connection import Connection
 from .connections import effect_note, effect_path, known_effects
-from .delay_system import FILTER, DelaySystem, Link
+from .delay_equation import Link
+from .delay_system import FILTER, DelaySystem
 from .inner_delays import InnerDelay
 from .statespace import LateInput, StateSpace
 

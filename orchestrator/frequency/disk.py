@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .delay_system import DelaySystem, Modes
+from .delay_equation import Modes
+from .delay_system import DelaySystem
 from .refine import minima
 
 __all__ = ["DiskMargin", "disk_margin", "sensitivity"]

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import ConfigError, Problem
-from .delay_system import DelaySystem, Link
+from .delay_equation import Link
+from .delay_system import DelaySystem
 
 __all__ = ["Family"]
 

@@ -25,7 +25,8 @@ from ..system.external import ExternalFmu
 from ..system.signal_vector import Signals
 from ..system.system import Instance
 from .closing import chains_of, closed_system, sources
-from .delay_system import FILTER, DelaySystem, Modes
+from .delay_equation import Modes
+from .delay_system import FILTER, DelaySystem
 from .inner_delays import InnerDelay, inner_delays, uneven
 from .late_inputs import MEASURE, acts, find_late_input
 from .margins import DelayMargin, Margins

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..base.errors import OrchestratorError
 from ..simulation.run import Prepared
 from ..system.system import Instance
-from .delay_system import Mode, Modes
+from .delay_equation import Mode, Modes
 from .from_system import Linearised
 from .measured_part import differences
 from .sampled_system import SampledPart, sampled_part

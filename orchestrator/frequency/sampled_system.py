@@ -28,7 +28,7 @@ from ..master.jacobi import Jacobi
 from ..simulation.run import Prepared
 from ..system.signal_vector import Layout
 from .connections import Feed
-from .delay_system import Mode
+from .delay_equation import Mode
 from .from_system import Linearised
 from .inner_delays import with_lines
 from .statespace import LateInput, Law, StateSpace

@@ -14,7 +14,7 @@ import numpy as np
 from ..base.errors import ConfigError
 from ..simulation.grid import Grid
 from ..simulation.run import Prepared, prepare
-from .delay_system import Mode, Modes
+from .delay_equation import Mode, Modes
 from .from_system import Linearised
 from .sampled_system import SampledSystem, sampled_system
 

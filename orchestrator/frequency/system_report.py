@@ -9,7 +9,8 @@ import numpy as np
 
 from ..base.errors import ConfigError, Problem, listed, nearest
 from ..simulation.run import Prepared
-from .delay_system import FILTER, Modes
+from .delay_equation import Modes
+from .delay_system import FILTER
 from .disk import DiskMargin, disk_margin, sensitivity
 from .from_system import Linearised, linearise
 from .linearity import Unlike, linearity_text, unlike_parts

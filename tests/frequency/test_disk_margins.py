@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from orchestrator.cli.main import main
-from orchestrator.frequency.delay_system import DelaySystem, Link
+from orchestrator.frequency.delay_equation import Link
+from orchestrator.frequency.delay_system import DelaySystem
 from orchestrator.frequency.disk import disk_margin, sensitivity
 
 

@@ -11,7 +11,8 @@ import scipy.linalg
 from scipy.optimize import brentq
 
 import orchestrator as orc
-from orchestrator.frequency.delay_system import DelaySystem, Link
+from orchestrator.frequency.delay_equation import Link
+from orchestrator.frequency.delay_system import DelaySystem
 from orchestrator.frequency.from_system import linearise
 from orchestrator.frequency.sampled_system import sampled_system
 from orchestrator.frequency.step_report import largest_step
