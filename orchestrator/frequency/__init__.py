@@ -11,8 +11,8 @@ from .describing import LimitCycle, describing_function, limit_cycles
 from .disk import DiskMargin, disk_margin
 from .excite import sweep_system
 from .from_system import Law, Linearised, LinearPoint, linearise
-from .linearise import sweep
 from .margins import Crossover, Margins
+from .measured_response import sweep
 from .open_loop import OpenLoop
 from .over_parameter import parameter_range
 from .sampled_system import SampledSystem, sampled_system
