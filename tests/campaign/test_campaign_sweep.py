@@ -16,7 +16,7 @@ from orchestrator.base.errors import ConfigError, Interrupted
 from orchestrator.campaign import Store, Study
 from orchestrator.fmi import messages as frames
 from orchestrator.fmi.workers import LocalPool, Work
-from orchestrator.fmi.workers.child import Child, KilledError, _begun
+from orchestrator.fmi.workers.child import Child, KilledError, _started
 from orchestrator.simulation.run import run
 
 CRASH, HANG = 1, 2
@@ -214,7 +214,7 @@ def test_a_worker_that_is_killed_while_it_begins_is_started_again():
             raise KilledError("a worker could not begin")
         return "a process"
 
-    assert _begun(make) == "a process" and len(begun) == 3
+    assert _started(make) == "a process" and len(begun) == 3
 
 
 class _Late(threading.Timer):
