@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,8 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Mapping
 
+    from ..base.errors import Problem
+    from ..frequency.over_parameter import ParameterRange
     from ..frequency.trim import Trimmed
     from ..simulation.preparation import Prepared
 
@@ -127,6 +130,9 @@ def _analysed(prepared: Prepared, args: argparse.Namespace) -> _Analysis:
     ranges = [parameter_range(one, args.points or 25) for one in args.over]
     if len(ranges) > 2:
         raise ConfigError([Problem("--over", f"{len(ranges)} ranges are given", "one, or two for a chart")])
+    of_each = zip(args.over, ranges, strict=True)
+    if refused := [one for text, over in of_each for one in _refused(prepared, text, over)]:
+        raise ConfigError(refused)
     linear = linearise(prepared, at_time=at_time)
     report = system_stability(prepared, args.open, linear)
     words = system_text(report)
@@ -173,6 +179,20 @@ def _analysed(prepared: Prepared, args: argparse.Namespace) -> _Analysis:
         return figures | ({"chart": chart_figure(chart)} if chart is not None else {})
 
     return report, words, draw
+
+
+def _refused(prepared: Prepared, text: str, over: ParameterRange) -> list[Problem]:
+    """What the config does not take of a range, by its first value."""
+    from ..base.errors import ConfigError
+    from ..simulation.run import prepare
+
+    override = over.override(over.low)
+    try:
+        prepare(prepared.config, [override])
+    except ConfigError as error:
+        marks = f"--set {override}", f"--over {text}"
+        return [replace(one, place=one.place.replace(*marks, 1)) for one in error.problems]
+    return []
 
 
 def _trimmed(prepared: Prepared, args: argparse.Namespace) -> Trimmed:

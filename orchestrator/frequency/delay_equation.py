@@ -75,6 +75,10 @@ class Mode:
         """Damping ratio, -Re/|root|; 1 at zero."""
         return float(-self.root.real / abs(self.root)) if self.root else 1.0
 
+    def __repr__(self) -> str:
+        states = ", ".join(f"{name} {100 * share:.0f} %" for name, share in self.participation[:3])
+        return f"{self.root:.6g} 1/s: {self.frequency:.4g} Hz, damping {self.damping:.4g}; {states}"
+
 
 @dataclass(frozen=True)
 class Modes:
@@ -87,6 +91,9 @@ class Modes:
 
     modes: tuple[Mode, ...]
     line: float
+
+    def __repr__(self) -> str:
+        return "\n".join(map(repr, self.modes))
 
     @property
     def unstable(self) -> int:

@@ -94,6 +94,14 @@ class Margins:
             min((one for one in factors if one > 1.0), default=np.inf),
         )
 
+    def __repr__(self) -> str:
+        low, high = self.gain_margin
+        return (
+            f"{'stable' if self.stable else 'unstable'}, phase margin {self.phase_margin:.4g} deg, "
+            f"delay margin {self.delay_margin:.4g} s, gain times {low:.4g} to {high:.4g}, "
+            f"modulus margin {self.modulus_margin:.4g}"
+        )
+
 
 @dataclass(frozen=True)
 class DelayMargin:

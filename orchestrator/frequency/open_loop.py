@@ -85,10 +85,4 @@ class OpenLoop:
         return self.system.step_response(self.connection, time)
 
     def __repr__(self) -> str:
-        found = self.margins()
-        low, high = found.gain_margin
-        return (
-            f"loop at {self.connection}: {'stable' if found.stable else 'unstable'}, phase margin "
-            f"{found.phase_margin:.4g} deg, delay margin {found.delay_margin:.4g} s, gain times {low:.4g} to "
-            f"{high:.4g}, modulus margin {found.modulus_margin:.4g}"
-        )
+        return f"loop at {self.connection}: {self.margins()!r}"

@@ -30,7 +30,7 @@ def test_a_loop_agrees_with_python_control():
     omega = np.array([10.0, 80.0])
     np.testing.assert_allclose(loop(omega), loop.to_response(omega).frdata[0, 0], rtol=1e-12)
     np.testing.assert_allclose(loop(omega), loop.to_control(8)(1j * omega), rtol=1e-9)
-    assert f"phase margin {phase:.4g} deg" in repr(loop)
+    assert f"phase margin {phase:.4g} deg" in repr(loop.margins()) in repr(loop)
 
 
 def test_roots_are_those_of_the_modes_and_their_conjugates():
@@ -38,6 +38,9 @@ def test_roots_are_those_of_the_modes_and_their_conjugates():
     roots = linear.roots()
     assert all(np.min(abs(roots - mode.root)) == 0.0 for mode in linear.modes().modes)
     assert sum(roots).imag == 0.0
+    assert [line.partition(" 1/s: ")[0] for line in repr(linear.modes()).splitlines()] == [
+        f"{mode.root:.6g}" for mode in linear.modes().modes
+    ]
 
 
 def test_a_chart_is_around_the_operating_point_of_the_system():

@@ -60,3 +60,11 @@ def test_an_arm_of_fmus_without_derivatives_is_measured(capsys):
 def test_wrong_parameters_are_refused(capsys):
     assert main(["stability", "docking-1d-uncompensated", "--set", "robot.taum=1 ms"]) == 2
     assert "taum" in capsys.readouterr().err
+
+
+def test_ranges_that_the_config_does_not_take_are_reported_at_their_options(capsys):
+    ranges = ["robot.tau_m=1..8", "contact.stiffnes=1..2 N/mm"]
+    assert main(["stability", "docking-1d-uncompensated", "--over", ranges[0], "--over", ranges[1]]) == 2
+    printed = capsys.readouterr().err
+    assert "--over robot.tau_m=1..8" in printed and "has no unit" in printed
+    assert "--over contact.stiffnes=1..2 N/mm" in printed and "--set" not in printed
