@@ -92,7 +92,7 @@ def inner_delays(
     try:
         found = runs.found(gains)
     except OrchestratorError as error:
-        found = f"{runs.told(gains)}, and it does not run on its own: {str(error).splitlines()[0]}"
+        found = f"{runs.in_words(gains)}, and it does not run on its own: {str(error).splitlines()[0]}"
     return ((), found) if isinstance(found, str) else (found, "")
 
 
@@ -223,9 +223,9 @@ class _Runs:
                 fine = _FINE[_FINE.index(fine) + 1]
             else:
                 place += 1
-        return f"{self.told(gains, delays)}, not by a delay that was found; that is left out"
+        return f"{self.in_words(gains, delays)}, not by a delay that was found; that is left out"
 
-    def told(self, gains: Array, but: Collection[int] = ()) -> str:
+    def in_words(self, gains: Array, but: Collection[int] = ()) -> str:
         """What total gains say of rows, but some."""
         names = listed([self.rows[row] for row in np.flatnonzero(gains.any(axis=1)) if row not in but])
         before = listed([self.columns[column] for column in np.flatnonzero(gains.any(axis=0))])

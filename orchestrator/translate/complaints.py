@@ -357,7 +357,7 @@ _TYPED = (
 
 def _overloaded(sources: _Sources) -> list[str]:
     """Faults of records with operators, which the compiler takes for others."""
-    told = {
+    sentences = {
         "operator": "`operator record` is not supported; make it a record, and call a function for each of "
         "its operators",
         "Complex": "numbers of the type Complex are not supported; declare the real and the imaginary part "
@@ -369,7 +369,7 @@ def _overloaded(sources: _Sources) -> list[str]:
         for one, after in pairwise(tokens):
             record = one.text == "operator" and after.text == "record"
             if record or (one.text == "Complex" and after.kind == "name"):
-                found.append(f"{sources.tree.at(path, one)}: {told[one.text]}")
+                found.append(f"{sources.tree.at(path, one)}: {sentences[one.text]}")
     return found
 
 

@@ -470,9 +470,9 @@ def test_samples_that_are_lost_in_turn_are_not_lost_by_chance():
 def test_a_sensor_with_a_cycle_of_its_own_is_not_one_that_loses_samples():
     odd, _ = simulated_study(77, 1, plan=Plan("outside", (OUTSIDE["sensor.own-cycle"],), 0.7))
     lost, _ = simulated_study(77, 1, plan=Plan("single", (HIDDEN["sensor.dropout"],), 0.7))
-    for one, told in ((odd, True), (lost, False)):
+    for one, regular in ((odd, True), (lost, False)):
         group = weigh_rig(one)
         assert "sensor.dropout" in group.answers[1].effects
-        assert (group.answers[1].nonrandom > 500.0) == told
+        assert (group.answers[1].nonrandom > 500.0) == regular
         found = calibration().probabilities(group.answers, group.outside)[-1]
-        assert found > 0.99 if told else found < 0.2
+        assert found > 0.99 if regular else found < 0.2

@@ -67,7 +67,7 @@ class Search:
     def _leaves(self, columns: Sequence[int]) -> bool:
         """Whether calibration leaves more than noise in a part of the system, by its compared signals."""
         if len(columns) == len(self.model.compared):
-            return True
+            return self.base.remains > 1.0
         replays = Replays(self.runs, (), starts=self.base.starts)
         found = [replays.found(k, one, self.base.constants) for k, one in enumerate(self.base.starts)]
         for column in columns:
@@ -317,8 +317,7 @@ class Search:
     def searched(self) -> list[tuple[Fitted, Polished]]:
         """Fits of all stages: no law, single laws, rarer ones, pairs, and what a filter reads."""
         every = [(self.nothing, self.base)]
-        whole = any(len(self.model.seen_at(one)) == len(self.model.compared) for one in self.places)
-        if not self.places or (whole and self.base.remains <= 1.0):
+        if not self.places:
             return every
         self.progress("laws")
         scores = [self.scores(begin) for begin in self.begins]

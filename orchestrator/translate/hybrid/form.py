@@ -42,8 +42,8 @@ _INSTEAD = {
 def refused(name: str, what: str) -> BuildError:
     """That a construct of a model is not supported, and what to write instead where that is known."""
     instead = next((text for words, text in _INSTEAD.items() if words in what), "")
-    told = f"{what} is not supported beside events, algebraic loops or functions"
-    return BuildError(f"{told}; {instead}" if instead else told)
+    message = f"{what} is not supported beside events, algebraic loops or functions"
+    return BuildError(f"{message}; {instead}" if instead else message)
 
 
 def values_of(one: Expr) -> tuple[float, ...]:

@@ -58,11 +58,11 @@ def test_the_run_ends_with_the_line_that_has_no_value(tmp_path, case):
 end M;
 """
     fmu, said = made(tmp_path, text), []
-    told = lambda *one: said.append(one[-1].decode())  # noqa: E731
-    run(fmu, until - 0.05, 0.05, "k", logger=told)
+    logged = lambda *one: said.append(one[-1].decode())  # noqa: E731
+    run(fmu, until - 0.05, 0.05, "k", logger=logged)
     assert not [one for one in said if "nan" not in one]
     with pytest.raises(Exception, match="failed with status 3"):
-        run(fmu, until + 0.05, 0.05, "k", logger=told)
+        run(fmu, until + 0.05, 0.05, "k", logger=logged)
     assert any(message in one for one in said)
 
 
