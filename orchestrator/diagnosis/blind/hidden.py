@@ -148,7 +148,7 @@ class _Law:
 
     Attributes:
         opposing: whether it takes from the place what opposes the signal. rate: derivative of its state.
-        shared: whether the library has its numbers in the same order and meaning.
+        ours: its numbers from those that the library has of the same law, but for numbers that only it has.
     """
 
     family: str
@@ -157,7 +157,7 @@ class _Law:
     value: Callable[[float, float, _Values, _Values], float]
     opposing: bool = True
     rate: Callable[[float, _Values, _Values], float] | None = None
-    shared: bool = True
+    ours: Callable[[_Values], Sequence[float]] = tuple
 
 
 def _friction(c: _Here) -> bool:
@@ -188,7 +188,8 @@ _LAWS = {
         "dry friction", _friction,
         lambda c: {"level": c.share * c.w, "more": c.draw(0.5, 1.5) * c.share * c.w,
                    "corner": c.draw(0.01, 0.04) * c.u, "speed": c.draw(0.1, 0.4) * c.u},
-        lambda t, s, z, n: math.tanh(s / n[2]) * (n[0] + n[1] * math.exp(-((s / n[3]) ** 2))), shared=False),
+        lambda t, s, z, n: math.tanh(s / n[2]) * (n[0] + n[1] * math.exp(-((s / n[3]) ** 2))),
+        ours=lambda v: (v[0], v[0] * v[1], v[3], v[2])),
     "quadratic drag": _Law("drag", lambda c: c.moving, _factor(2.0), lambda t, s, z, n: n[0] * s * abs(s)),
     "power drag": _Law(
         "drag", lambda c: c.moving,
@@ -215,7 +216,7 @@ _LAWS = {
     "ripple": _Law(
         "ripple", lambda c: _is(c.at.w_unit, ("N.m",)) and _is(c.at.u_unit, ("rad",)) and c.u > 1.0,
         lambda c: {"level": c.share * c.w, "phase": c.draw(0.0, 6.28)},
-        lambda t, s, z, n: n[0] * math.sin(s + n[1]), shared=False),
+        lambda t, s, z, n: n[0] * math.sin(s + n[1])),
     "saturation": _Law(
         "saturation", lambda c: c.source, lambda c: {"limit": c.draw(0.55, 0.85) * c.most},
         lambda t, s, z, n: _clip(s, n[0]) - s, opposing=False),
@@ -255,11 +256,11 @@ _LAWS = {
     "radiation": _Law(
         "radiation", lambda c: c.units("W", "K"),
         lambda c: {"factor": c.share * c.w / (4.0 * _STEFAN * c.mean**3 * c.u), "surroundings": 293.0},
-        lambda t, s, z, n: n[0] * _STEFAN * (s**4 - n[1] ** 4), shared=False),
+        lambda t, s, z, n: n[0] * _STEFAN * (s**4 - n[1] ** 4)),
     "hysteresis": _Law(
         "hysteresis", _friction, lambda c: {"level": c.share * c.w, "travel": c.draw(0.02, 0.2) * c.path},
         lambda t, s, z, n: n[0] * z[0], True,
-        lambda s, z, n: s / n[1] * (1.0 - math.copysign(1.0, s) * z[0]), shared=False),
+        lambda s, z, n: s / n[1] * (1.0 - math.copysign(1.0, s) * z[0])),
     # The follower moves where the play is used up; the output does not see its short lag.
     "backlash": _Law(
         "backlash", lambda c: c.sensor, lambda c: {"half width": c.draw(0.03, 0.2) * c.u, "time": 0.2 * c.h},
@@ -401,16 +402,25 @@ def renamed(name: str) -> tuple[str, ...]:
 
 
 def named(
-    plant: Plant, law: str, place: str, kind: str, signal: str, numbers: Sequence[float]
+    plant: Plant, law: str, place: str, kind: str, signal: str, numbers: Sequence[float],
+    like: Acting | None = None,
 ) -> Acting | None:  # fmt: skip
-    """A law as a verdict names it; None if it cannot be simulated here."""
+    """A law as a verdict names it; None if it cannot be simulated here.
+
+    Args:
+        like: the hidden law, which gives numbers that the library does not have.
+    """
     groups = {"input": plant.inputs, "output": plant.outputs, "rate": [f"der({one})" for one in plant.states]}
     names = [*plant.states, *plant.inputs, *plant.outputs]
-    if law not in _LAWS or not _LAWS[law].shared or place not in groups[kind] or signal not in names:
+    # The library's name of the same equations.
+    law = "hysteresis" if law == "Dahl friction" else law
+    if law not in _LAWS or place not in groups[kind] or signal not in names:
         return None
     if law == "delay" and place not in plant.external and not (kind == "output" and place in plant.compared):
         return None
     index, reads = groups[kind].index(place), names.index(signal)
     if kind != "rate" and signal == place:
         reads = index + len(plant.states) + (0 if kind == "input" else len(plant.inputs))
-    return _acting(law, place, kind, index, signal, reads, {str(k): one for k, one in enumerate(numbers)})
+    made = _LAWS[law].ours(numbers)
+    made = (*made, *list(like.numbers.values() if like else ())[len(made) :])
+    return _acting(law, place, kind, index, signal, reads, {str(k): one for k, one in enumerate(made)})

@@ -154,10 +154,10 @@ def _equal(said: Mapping[str, Any], hidden: Mapping[str, Any], case: Case | Call
     made = case() if callable(case) else case
     plant = made.draft.plant
     numbers = [one["value"] for one in said["numbers"].values()]
-    other = named(plant, said["law"], said["place"], said["acts_on"], said["signal"], numbers)
+    true = next(one for one in made.laws if one.name == hidden["law"])
+    other = named(plant, said["law"], said["place"], said["acts_on"], said["signal"], numbers, true)
     if other is None:
         return False
-    true = next(one for one in made.laws if one.name == hidden["law"])
     laws = [other if one is true else one for one in made.laws]
     first = len(plant.states) + len(plant.inputs)
     columns = [first + plant.outputs.index(one) for one in plant.compared]

@@ -115,13 +115,16 @@ def _judged(
         replayed(held, [one.inserted for one in best.laws], best.constants[0]) if best.laws else calibrated
     )
     traces = _traces(model, held, gap, calibrated, judged)
-    share = found.remains / search.runs.logged_spread()
+    shares = [one.remains / search.runs.logged_spread() for one in (found, search.base)]
     before = calibrated.remains
     if best.laws and search.far(search.base.constants):
         before = replayed(held, (), search.limited(search.base.constants)).remains
-    verdict, remarks = _verdict(search, best, closed(before, judged.remains), share)
-    wrong = _WRONG_FAR if best.laws and judged.remains > _NEAR_NOISE else _WRONG_NEAR
+    verdict, remarks = _verdict(search, best, closed(before, judged.remains), *shares)
+    doubtful = judged.remains > _NEAR_NOISE and (best.laws or verdict == "none")
+    wrong = _WRONG_FAR if doubtful else _WRONG_NEAR
     probability, rivals = rivals_of(search, weighed, chosen, 1.0 - wrong)
+    if verdict == "none" and best.laws:
+        best, probability, rivals = search.nothing, 1.0 - wrong, []
     if verdict == "outside":
         probability = min(probability, _OUTSIDE)
     constants = best.constants if verdict == "law" else (search.base.constants, search.base.covariance)
@@ -144,33 +147,38 @@ def _judged(
     units = {str(port): study.unit(port) for port in (*model.states, *model.inputs, *model.outputs)}
     return Answer(
         verdict, named, probability, rivals, twins, parameters, places, estimate,
-        gap.remains, calibrated.remains, remains, closed(gap.remains, remains), share, traces,
+        gap.remains, calibrated.remains, remains, closed(gap.remains, remains), shares[0], traces,
         _experiments(search, weighed, chosen, rivals) if verdict == "law" else [], units, remarks,
     )  # fmt: skip
 
 
-def _verdict(search: Search, best: Fitted, shrunk: float, share: float) -> tuple[str, list[str]]:
+def _verdict(
+    search: Search, best: Fitted, shrunk: float, share: float, calibrated: float
+) -> tuple[str, list[str]]:
     """Verdict and remarks.
 
     Args:
         shrunk: share of the gap, calibrated within the tolerances, that the answer closes on held-out runs.
-        share: residual of the answer over the spread of the logs.
+        share, calibrated: residual of the answer and without it, over the spread of the logs.
     """
-    remains = search.base.remains
-    if best.laws and shrunk < 0.5:
-        return "outside", [
-            "The held-out runs contradict the nearest law: it closes less than half of the gap there."
-        ]
-    if best.laws:
+    if best.laws and shrunk >= 0.5:
         return "law", []
+    remains = search.base.remains
+    left = (
+        f"The calibrated model leaves {remains:.3g} times the noise, {100 * calibrated:.2g} % of the "
+        "signals' spread. No law of the library explains it."
+    )
+    if best.laws:
+        contradicted = (
+            "The held-out runs contradict the nearest law: it closes less than half of the gap there."
+        )
+        # Such a law imitates what differs from run to run, which needs no name where it is small.
+        if shrunk < _HINT and calibrated <= _SMALL:
+            return "none", [contradicted, left]
+        return "outside", [contradicted]
     if remains > 2.0 and share > _SMALL:
         return "outside", []
-    if remains > 2.0:
-        return "none", [
-            f"The calibrated model leaves {remains:.3g} times the noise, {100 * share:.2g} % of the signals' "
-            "spread. No law of the library explains it."
-        ]
-    return "none", []
+    return "none", [left] if remains > 2.0 else []
 
 
 def _nearest(

@@ -223,10 +223,12 @@ def _sensors(model: StateModel, runs: Runs) -> list[Candidate]:
 
 
 def spread_out(found: Sequence[Candidate], most: int, each: int) -> list[Candidate]:
-    """The best ones, at most `each` of one law."""
+    """The best ones, at most `each` of one law, or more where they lie at one component, to reach `each`."""
     kept: list[Candidate] = []
     for one in sorted(found, key=lambda one: one.share, reverse=True):
-        if one.share > 0.02 and sum(k.law.name == one.law.name for k in kept) < each:
+        like = [k.place.component for k in kept if k.law.name == one.law.name]
+        another = one.place.component not in like and len(set(like)) < each
+        if one.share > 0.02 and (len(like) < each or another):
             kept.append(one)
         if len(kept) == most:
             break

@@ -87,6 +87,8 @@ def data_of(found: Answer) -> dict[str, Any]:
 
 def headline(found: Answer) -> str:
     """The answer in one sentence."""
+    if found.verdict == "none" and found.calibrated > 2.0:
+        return f"no law is missing that the library holds; {found.calibrated:.3g} times the noise remains"
     if found.verdict == "none":
         return "nothing is missing beyond the calibrated parameters and the start states"
     if found.verdict == "outside":

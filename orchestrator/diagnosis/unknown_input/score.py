@@ -46,6 +46,11 @@ class Scores:
     changes: Array
     left: Array
 
+    def joined(self, other: Scores) -> Scores:
+        """With scores of other laws from the same begin."""
+        changes = np.vstack([self.changes, other.changes])
+        return Scores([*self.candidates, *other.candidates], [*self.twins, *other.twins], changes, self.left)
+
     def pairs(self, most: int) -> list[tuple[Candidate, Candidate]]:
         """Pairs of laws that together explain most, best first; their amplitudes are those of the pair."""
         found = []

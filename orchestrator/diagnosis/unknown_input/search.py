@@ -35,8 +35,8 @@ _BEHIND = 1.6
 _EXPLAINED, _WHITE, _MOST = 1.1, 2.0, 0.995
 # A second law is tried where the first leaves so many times the noise; a law must gain so many nats.
 SECOND, LEAST = 2.0, 10.0
-# Families that are extended by a second law, and laws tried beside each.
-_BEAM, _BESIDE = 3, 5
+# Families that are extended by a second law, those that are extended by a rarer one, and laws beside each.
+_BEAM, _RARE, _BESIDE = 3, 2, 5
 # Share of the spread that a simulation misses which has lost the logs.
 _LOST = 0.25
 # Tolerances by which a parameter may change before an answer needs a reason for it.
@@ -333,6 +333,7 @@ class Search:
         if not self.explained(every):
             self.progress("rarer laws")
             late = [self.scores(begin, late=True) for begin in self.begins]
+            scores = [one.joined(two) for one, two in zip(scores, late, strict=True)]
             tried = self._from_begins(late, partial(_singly, most=_LATE, each=1))
             rare = self.finished(tried, _LATE_KEPT)
             every += rare
@@ -341,7 +342,7 @@ class Search:
             self.progress("pairs of laws")
             pairs = self.finished(self._pairs(scores, singles), _KEPT)
             if pairs and not self.explained(pairs):
-                pairs = self.finished([*pairs, *self._alike(*pairs[0])], _KEPT)
+                pairs = self.finished([*pairs, *self._alike(*pairs[0], singles)], _KEPT)
             every += [*pairs, *self.finished(self.alone(pairs), _KEPT)]
         every += self.within_tolerance(every)
         lost = self.base.remains > _LOST * self.runs.logged_spread()
@@ -382,31 +383,49 @@ class Search:
             ((one,), found.constants, found.starts) for one in _relatives(self.model, law, best.numbers)
         )
 
-    def _alike(self, best: Fitted, found: Polished) -> list[tuple[Fitted, Polished]]:
-        """A pair with each law in turn replaced: by one that alone acts the same, or by one of its family."""
-        return self._fits(
-            ((*best.laws[:k], two, *best.laws[k + 1 :]), found.constants, found.starts)
-            for k, (one, values, _) in enumerate(best.by_law())
+    def _alike(
+        self, best: Fitted, found: Polished, singles: Sequence[tuple[Fitted, Polished]]
+    ) -> list[tuple[Fitted, Polished]]:
+        """A pair with each law in turn replaced: by one that alone acts the same, or by one of its family.
+
+        Args:
+            singles: best first. Those of the family at the component with fewer numbers begin with their own.
+        """
+        count = len(self.model.nominal)
+        parts = list(best.by_law())
+        sets = []
+        for k, (law, values, _) in enumerate(parts):
+            twins = [one for one in self.twins.get(law.name, ()) if one.law is law.law][:_BESIDE]
+            simpler = {
+                one.laws[0].name: replace(one.laws[0], numbers=tuple(one.numbers.tolist()))
+                for one, _ in reversed(singles)
+                if one.laws[0].law.family == law.law.family and len(one.numbers) < len(values)
+                and one.laws[0].place.component == law.place.component
+            }  # fmt: skip
             for two in [
-                *[each for each in self.twins.get(one.name, ()) if each.law is one.law][:_BESIDE],
-                *_relatives(self.model, one, values),
-            ]
-        )
+                *[replace(one, numbers=tuple(values.tolist())) for one in twins],
+                *_relatives(self.model, law, values),
+                *simpler.values(),
+            ]:
+                laws = (*best.laws[:k], two, *best.laws[k + 1 :])
+                numbers = [two.numbers if j == k else one[1] for j, one in enumerate(parts)]
+                sets.append((laws, np.r_[found.constants[:count], *numbers], found.starts))
+        return self._fits(sets)
 
     def _pairs(
         self, scores: Sequence[Scores], singles: Sequence[tuple[Fitted, Polished]]
     ) -> list[tuple[Fitted, Polished]]:
-        """Fits of pairs: by their scores, beside the best single laws, rarer laws beside the best.
+        """Fits of pairs: by their scores, beside the best single laws, rarer laws beside the best two.
 
         Args:
-            scores: of single laws, from each begin. singles: best first.
+            scores: of single laws, rarer ones among them, from each begin. singles: best first.
         """
         found = self._from_begins(scores, partial(Scores.pairs, most=_BESIDE))
         for one in _families(singles)[:_BEAM]:
             if not self.explained(found):
                 more = self.scores(one).candidates
                 found += self.tried([[two] for two in more if two.law.states == 0][:_BESIDE], one)
-        for one in singles[:1]:
+        for one in _families(singles)[:_RARE]:
             if not self.explained(found):
                 rare = self.scores(one, late=True).candidates
                 found += self.tried([[two] for two in spread_out(rare, _BESIDE, 1)], one)
