@@ -199,7 +199,12 @@ def test_wrong_commands_are_refused(
     assert "orchestrator: " in capsys.readouterr().err
 
 
-def test_a_law_at_an_output_of_a_state_reads_inputs() -> None:
+@pytest.mark.parametrize(
+    ("law", "numbers"),
+    [("quadratic drag", [-0.05]), ("Dahl friction", [-0.4, 0.3]), ("stribeck", [-0.2, 1.0, 1.0, 0.1])],
+)
+def test_a_law_at_an_output_of_a_state_reads_inputs(law: str, numbers: list[float]) -> None:
+    """As the library names it, with its numbers: the score takes a law that does the same for the same."""
     # A drag at the torque of a winding, by the speed that it is told, is one at the rotor.
     made = Drawing("test", interval=0.01)
     rotor = made.add("rotor", "Rotor", 0.02, 0.05)
@@ -208,10 +213,10 @@ def test_a_law_at_an_output_of_a_state_reads_inputs() -> None:
     made.driven["motor.voltage"] = 0.0, 1.0
     plant, drive = Drawn(made), Drive(5.0 * np.sin(np.arange(200) * 0.05)[:, None], False, 0.01)
     found = [
-        simulate(plant, drive, plant.nominal, plant.start, [law] if law else [], np.ones(3))[:, 1]
-        for law in (
-            named(plant, "quadratic drag", "motor.torque", "output", "motor.speed", [-0.05]),
-            named(plant, "quadratic drag", "rotor.torque", "input", "rotor.speed", [-0.05]),
+        simulate(plant, drive, plant.nominal, plant.start, [one] if one else [], np.ones(3))[:, 1]
+        for one in (
+            named(plant, law, "motor.torque", "output", "motor.speed", numbers),
+            named(plant, law, "rotor.torque", "input", "rotor.speed", numbers),
             None,
         )
     ]

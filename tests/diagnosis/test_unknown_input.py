@@ -7,6 +7,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from orchestrator.diagnosis.study.study import Role
 from orchestrator.diagnosis.unknown_input.answer import answer
 from orchestrator.diagnosis.unknown_input.corrected import write_corrected
 from orchestrator.diagnosis.unknown_input.diagnose import DiagnosedSystem
-from orchestrator.diagnosis.unknown_input.law_fit import Candidate, readable
+from orchestrator.diagnosis.unknown_input.law_fit import Candidate, readable, spread_out
 from orchestrator.diagnosis.unknown_input.laws import library
 from orchestrator.diagnosis.unknown_input.model import Inserted, StateModel
 from orchestrator.diagnosis.unknown_input.places import Runs, rank
@@ -223,6 +224,30 @@ def test_noise_that_is_larger_than_stated_is_no_law(fmus: Path) -> None:
     found = answer(load_port_study(path))
     assert found.verdict == "none" and found.fitted is None
     assert found.remains == pytest.approx(1.0 / 0.6, rel=0.05)
+
+
+def test_a_small_law_that_held_out_runs_contradict_is_none(fmus: Path) -> None:
+    """A sensor's scale drifts by 3 % in a run, in the held-out run the other way."""
+    study = logged(fmus, lambda x, v: 0.0)
+    for name, change in zip("abc", (0.03, 0.03, -0.03), strict=True):
+        path = fmus / f"{name}.csv"
+        table = np.loadtxt(path, delimiter=",", skiprows=1)
+        table[:, 2] *= 1.0 + change * table[:, 0] / 8.0
+        header = "time [s],f [N],x [m]"
+        np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
+    found = answer(load_port_study(study))
+    assert found.verdict == "none" and found.fitted is None and found.probability <= 0.6
+    remarks = " ".join(found.remarks)
+    assert "contradict the nearest law" in remarks and "times the noise" in remarks
+
+
+def test_one_law_is_tried_at_several_components(fmus: Path) -> None:
+    model = StateModel(load_port_study(logged(fmus, lambda x, v: 0.0)))
+    every = [one for place in model.places() for one in readable(model, place) if one.law.name == "viscous"]
+    shares = sorted((replace(one, share=0.9 if one.place.component else 0.5) for one in every), key=str)
+    kept = spread_out(shares, 12, 2)
+    assert {one.place.component for one in kept} == {one.place.component for one in every}
+    assert 2 <= len(kept) <= 3
 
 
 def test_the_corrected_system_runs_and_matches_the_machine(fmus: Path, tmp_path: Path) -> None:
