@@ -220,9 +220,8 @@ class Search:
         return self._fits(
             (
                 ((one,), constants, single.starts)
-                for one in readable(self.model, law.place)
-                if one.law.linear and one.law is not law.law and one.signal == law.signal
-                and len(one.law.numbers) == len(best.numbers)
+                for one in _others(self.model, law)
+                if one.law.linear and len(one.law.numbers) == len(best.numbers)
                 for constants in (begin, other)
             ),
             _MANY, None,
@@ -367,9 +366,8 @@ class Search:
         count = len(self.model.nominal)
         return self._fits(
             ((replace(one, numbers=start),), np.r_[found.constants[:count], start], found.starts)
-            for one in readable(self.model, law.place)
-            if one.law.family == law.law.family and one.signal == law.signal
-            and len(one.law.numbers) > len(known)
+            for one in _others(self.model, law)
+            if one.law.family == law.law.family and len(one.law.numbers) > len(known)
             for start in {
                 tuple(known.get(each.name, value) for each, value in zip(one.law.numbers, start, strict=True))
                 for start in starts_of(one, self.runs)
@@ -437,14 +435,19 @@ def _singly(scores: Scores, most: int, each: int) -> list[list[Candidate]]:
     return [[law] for law in spread_out(scores.candidates, most, each)]
 
 
+def _others(model: StateModel, law: Candidate) -> list[Candidate]:
+    """Other laws at the same place that read the same signal."""
+    every = readable(model, law.place)
+    return [one for one in every if one.law is not law.law and one.signal == law.signal]
+
+
 def _relatives(model: StateModel, law: Candidate, numbers: Array) -> list[Candidate]:
-    """Laws of the same family that take these numbers, and read the same signal at the same place."""
+    """Those of the same family that take these numbers."""
     return [
         replace(one, numbers=tuple(numbers.tolist()))
-        for one in readable(model, law.place)
-        if one.law.family == law.law.family and one.law is not law.law and one.signal == law.signal
-        and len(one.law.numbers) == len(law.law.numbers)
-    ]  # fmt: skip
+        for one in _others(model, law)
+        if one.law.family == law.law.family and len(one.law.numbers) == len(law.law.numbers)
+    ]
 
 
 def _unlike(found: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished]]:
