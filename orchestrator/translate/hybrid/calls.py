@@ -190,10 +190,13 @@ class Calls(Form):
                 made = [(one["target"], self._at(one["rhs"], inside)) for one in content["assignments"]]
                 inside.update({("value", target): value for target, value in made})
             elif kind == "for":
-                binders = self._domain(content["domain"])
+                # An inner loop's domain has the outer one as its parent, whose values hold here.
+                binders = [one for one in self._domain(content["domain"]) if one[0] not in inside]
                 for values in itertools.product(*(values for _, values in binders)):
                     inside.update(zip((key for key, _ in binders), values, strict=True))
                     self._statements(content["statements"], inside)
+                for key, _ in binders:
+                    inside.pop(key, None)
             elif kind == "assertion" and content.get("level") == "error":
                 holds = self._one(content["condition"], inside)
                 inside["holds"] = ex.logical("and", inside.get("holds", ex.ONE), holds)

@@ -184,6 +184,8 @@ class _Writer:
             return f"hybrid_delayed(h, {one.args[1]})"
         if kind == "rise":
             return f"(h->rise[{one.args[1]}] != 0)"
+        if kind == "tick":
+            return f"h->tick[{one.args[1]}]"
         if kind == "mode":
             return f"h->z[{layout.mode_slot + one.args[1]}]"
         if one in layout.inputs:

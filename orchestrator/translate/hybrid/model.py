@@ -141,10 +141,12 @@ class DaeModel:
         return self.declared[number] if isinstance(number, int) and number < len(self.declared) else None
 
     def name_of(self, one: Expr) -> str:
-        """The name of the variable, derivative or delayed value that a symbol stands for."""
+        """The name of the variable, derivative, delayed value or clock that a symbol stands for."""
         if one.args[0] == "delayed":
             return self.delays[one.args[1]].shown
         if one.args[0] == "rise":
             return f"rise of condition {one.args[1] + 1}"
+        if one.args[0] == "tick":
+            return "sample({:g}, {:g})".format(*self.clocks[one.args[1]])
         name = self.variables[one.args[1]].name
         return "der(" * one.args[2] + name + ")" * one.args[2] if one.args[0] == "der" else name

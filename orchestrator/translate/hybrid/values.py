@@ -176,6 +176,8 @@ class Values(Calls):
                 return ex.logical("not", self._truth(content))
             case "and" | "or":
                 return ex.logical(kind, self._truth(content["lhs"]), self._truth(content["rhs"]))
+            case "clock":
+                return ex.symbol("tick", content)
         raise refused(self._name, f"the condition {kind} in an equation")
 
     def _at_the_end(self) -> Condition:

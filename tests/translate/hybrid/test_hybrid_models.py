@@ -11,6 +11,7 @@ import fmpy
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 pytest.importorskip("rumoca", reason="needs the extra build")
 
@@ -561,6 +562,46 @@ end M;
     assert np.abs(found["c[3]"] - 3 * one - 4 * two).max() < 1e-8
 
 
+def test_loops_within_loops_of_a_function_run_once_each(tmp_path):
+    fmu = made(tmp_path, """
+model M
+  function weighted "row sums of a matrix times a vector, over each pair of rows and columns once"
+    input Real a[:, :];
+    input Real x[size(a, 2)];
+    output Real y[size(a, 1)];
+    output Real total;
+  algorithm
+    total := 0;
+    for i in 1:size(a, 1) loop
+      y[i] := 0;
+      for j in 1:size(a, 2) loop
+        y[i] := y[i] + a[i, j]*x[j];
+        for k in 1:2 loop
+          total := total + k*a[i, j];
+        end for;
+      end for;
+    end for;
+    for i in 1:2, j in 1:2 loop
+      total := total + 100*i*j;
+    end for;
+  end weighted;
+  parameter Real a[3, 3] = [-1, 1, 0; 0, -2, 1; 0.5, 0, -1];
+  Real x[3](start={1, 2, 3}, each fixed=true);
+  Real slope[3];
+  Real total;
+equation
+  (slope, total) = weighted(a, x);
+  der(x) = slope;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 2.0, 0.5, "x[1]", "x[2]", "x[3]", "total")
+    matrix = np.array([[-1, 1, 0], [0, -2, 1], [0.5, 0, -1]])
+    for place, now in enumerate(found["time"]):
+        exact = expm(matrix * now) @ [1, 2, 3]
+        assert np.abs([found[f"x[{n}]"][place] for n in (1, 2, 3)] - exact).max() < 1e-8
+    assert np.abs(found["total"] - 3 * matrix.sum() - 900).max() < 1e-12
+
+
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_a_loop_with_a_hybrid_fmu_has_modes_and_margins(tmp_path, version):
     """A limited servo, linear within its limits, against its characteristic polynomial."""
@@ -622,6 +663,58 @@ end M;
     # The sine exceeds 0.5 from 1/120 s on in each period of 0.1 s.
     assert list(found["n"]) == list(np.floor((times - 1 / 120) / 0.1 + 1 + 1e-9))
     assert list(found["halves"]) == list(np.floor((times - 0.4523) / 0.5 + 1 + 1e-9))
+
+
+def test_a_tick_is_a_value_that_other_components_see(tmp_path):
+    """As blocks of sampled systems have it: the tick is a variable, a port, and part of a condition."""
+    fmu = made(tmp_path, """
+package P
+  connector Truth = Boolean;
+  connector TruthOut = output Boolean;
+  connector TruthIn = input Boolean;
+  block Clocked
+    TruthOut tick;
+  equation
+    tick = sample(0.1, 0.2);
+  end Clocked;
+  block Hold
+    TruthIn go;
+    output Integer n(start=0, fixed=true);
+    output Real y(start=0, fixed=true);
+    output Integer late(start=0, fixed=true);
+    parameter Boolean on = true;
+  equation
+    when go then
+      n = pre(n) + 1;
+    end when;
+    when {go and time > 0.4, initial()} then
+      y = time;
+    end when;
+    when not go then
+      late = pre(late) + 1;
+    end when;
+  end Hold;
+  model M
+    Clocked c;
+    Hold h;
+    Real x(start=0, fixed=true);
+    Boolean seen = c.tick and on;
+    parameter Boolean on = true;
+  equation
+    connect(c.tick, h.go);
+    der(x) = h.n;
+  end M;
+end P;
+""", model="P.M")  # fmt: skip
+    found = run(fmu, 1.0, 0.05, "h.n", "h.y", "h.late", "x", "c.tick", "seen")
+    time = found["time"]
+    count = np.floor((time - 0.1) / 0.2 + 1e-6) + 1
+    assert (found["h.n"] == count).all()
+    assert np.abs(found["h.y"] - np.where(count > 2, 0.2 * count - 0.1, 0)).max() < 1e-9
+    assert not found["c.tick"].any() and not found["seen"].any()
+    exact = [sum(max(0.0, now - 0.1 - 0.2 * k) for k in range(6)) for now in time]
+    assert np.abs(found["x"] - exact).max() < 1e-9
+    assert (found["h.late"] == count).all()
 
 
 def test_functions_with_several_results_and_records_and_loops_over_elements(tmp_path):
