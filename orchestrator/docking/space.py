@@ -18,9 +18,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from ..frequency.from_system import LinearPoint
     from ..results.recorders import Results
-    from ..simulation.run import Prepared
 
 __all__ = ["SpaceMeasure", "effective_mass"]
 
@@ -115,12 +113,6 @@ class SpaceMeasure:
             },
             **estimates,
         }
-
-    def linear_point(self, prepared: Prepared, options: SpaceOptions) -> LinearPoint:
-        """The law of an active controller, where a run has brought it into contact."""
-        from .space_stability import space_point
-
-        return space_point(prepared, options)
 
     def headline(self, measured: dict[str, Any]) -> str:
         """What the contacts did to the energy; the speed along the normal changes with the rotation, too."""

@@ -9,7 +9,7 @@ the config's measures know beyond that, a point and laws of instances, is asked 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 __all__ = ["Law", "LinearPoint", "Linearised", "linearise", "refusal"]
 
 Array = NDArray[np.float64]
-Values = Callable[[list[str]], Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -53,13 +52,10 @@ class LinearPoint:
     Attributes:
         start: start values of its operating point by instance and variable, FMU's units.
         laws: by instance.
-        laws_there: laws that depend on where a run has brought an instance, from what gives values of its
-            variables by name; None: there the law is not known, and is measured.
     """
 
     start: Mapping[str, Mapping[str, Any]]
     laws: Mapping[str, Law]
-    laws_there: Mapping[str, Callable[[Values], Law | None]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, repr=False)
@@ -199,8 +195,8 @@ def linearise(
         raise ConfigError(outside)
     point = point or _known_point(prepared)
     if at_time is not None:
-        return replace(_linearised(prepared, at_time, point), start=None)
-    made = _linearised(_started(prepared, point.start), None, point)
+        return replace(_linearised(prepared, at_time, point.laws), start=None)
+    made = _linearised(_started(prepared, point.start), None, point.laws)
     return replace(made, start=point.start)
 
 
@@ -208,13 +204,12 @@ def _known_point(prepared: Prepared) -> LinearPoint:
     """What the measures of a config know."""
     start: dict[str, Mapping[str, Any]] = {}
     laws: dict[str, Law] = {}
-    there: dict[str, Callable[[Values], Law | None]] = {}
     for chosen in choose_measures(prepared.config):
         known = getattr(chosen.measure, "linear_point", None)
         if known is not None:
             one = known(prepared, chosen.options)
-            start, laws, there = start | one.start, laws | one.laws, there | one.laws_there
-    return LinearPoint(start, laws, there)
+            start, laws = start | one.start, laws | one.laws
+    return LinearPoint(start, laws)
 
 
 def _started(prepared: Prepared, start: Mapping[str, Mapping[str, Any]]) -> Prepared:
@@ -225,12 +220,12 @@ def _started(prepared: Prepared, start: Mapping[str, Mapping[str, Any]]) -> Prep
     return replace(prepared, system=replace(prepared.system, instances=instances))
 
 
-def _linearised(prepared: Prepared, at_time: float | None, given: LinearPoint) -> Linearised:
+def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, Law]) -> Linearised:
     system = prepared.system
     problems: list[Problem] = []
     notes: list[str] = []
     parts: dict[str, StateSpace] = {}
-    laws = dict(given.laws)
+    known = dict(laws)
     hidden: dict[str, LateInput] = {}
     inner: dict[str, tuple[InnerDelay, ...]] = {}
     point: dict[str, float] = {}
@@ -242,12 +237,6 @@ def _linearised(prepared: Prepared, at_time: float | None, given: LinearPoint) -
         if at_time is not None:
             reached = _advanced(instances, prepared, signals, at_time)
             notes.append(f"linear around t = {reached:.9g} s of the run")
-        running_of = {
-            one.name: running for one, running in zip(system.instances, instances.running, strict=True)
-        }
-        there = {name: find(running_of[name].get_values) for name, find in given.laws_there.items()}
-        laws |= {name: law for name, law in there.items() if law is not None}
-        known = dict(laws)
         for one, running in zip(system.instances, instances.running, strict=True):
             inputs = tuple(name for name, _ in real_ports(one.fmu) if f"{one.name}.{name}" in fed)
             outputs = tuple(name for name, is_output in real_ports(one.fmu) if is_output)
