@@ -114,6 +114,7 @@ _SLOW = (
     "fmi/test_isolated.py",
     "fmus",
     "frequency/test_growth.py",
+    "frequency/test_sampled_system.py",
     "frequency/test_stability_command.py",
     "fuzz",
     "base/test_compiled_functions.py",
