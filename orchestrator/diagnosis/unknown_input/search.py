@@ -37,6 +37,8 @@ _EXPLAINED, _WHITE, _MOST = 1.1, 2.0, 0.995
 SECOND, LEAST = 2.0, 10.0
 # Families that are extended by a second law, those that are extended by a rarer one, and laws beside each.
 _BEAM, _RARE, _BESIDE = 3, 2, 5
+# Most rounds in which laws of the best pair are replaced.
+_ROUNDS = 3
 # Share of the spread that a simulation misses which has lost the logs.
 _LOST = 0.25
 # Tolerances by which a parameter may change before an answer needs a reason for it.
@@ -130,7 +132,9 @@ class Search:
             edge = 0.0 if number.positive else _EDGE * (high[signal] - low[signal])
             ends = (value, -value) if number.positive else (value,)
             inside = any(low[signal] + edge < one < high[signal] for one in ends)
-            return abs(value) <= number.most * spread[signal] and (inside or not number.within)
+            least, most = number.limits
+            size = abs(value) <= number.most * spread[signal] and least <= value <= most
+            return size and (inside or not number.within)
 
         return all(
             sound(number, value, law.inserted.signals[0])
@@ -284,8 +288,10 @@ class Search:
     def _relatives(self, best: Fitted) -> Iterator[Fitted]:
         """The same laws, each in turn replaced by one of its family, as a lag by a delay."""
         for k, (law, values, _) in enumerate(best.by_law()):
-            for other in _relatives(self.model, law, values):
-                yield fit(self.runs, (*best.laws[:k], other, *best.laws[k + 1 :]), None, best.numbers)
+            for other in _relatives(self.runs, law, values):
+                laws = (*best.laws[:k], other, *best.laws[k + 1 :])
+                numbers = [other.numbers if j == k else one[1] for j, one in enumerate(best.by_law())]
+                yield fit(self.runs, laws, None, np.concatenate(numbers))
 
     def far(self, constants: Array) -> list[int]:
         """Parameters that leave their tolerance."""
@@ -323,7 +329,7 @@ class Search:
         tried = self._from_begins(scores, partial(_singly, most=_TRIED, each=_EACH))
         if tried and not self.explained(tried):
             for one in _families(_unlike(tried))[:_BEAM]:
-                tried += self._wider(*one)
+                tried += self._kin(*one, more=True)
         singles = self.finished(tried, _KEPT)
         if singles:
             # Where the first laws explain the logs, others of their family may not have been tried.
@@ -340,8 +346,12 @@ class Search:
         if not self.explained(every) and (not singles or singles[0][1].remains > SECOND):
             self.progress("pairs of laws")
             pairs = self.finished(self._pairs(scores, singles), _KEPT)
-            if pairs and not self.explained(pairs):
-                pairs = self.finished([*pairs, *self._alike(*pairs[0], singles)], _KEPT)
+            for _ in range(_ROUNDS if pairs else 0):
+                before = pairs[0][0].laws
+                if not self.explained(pairs):
+                    pairs = self.finished([*pairs, *self._alike(*pairs[0], singles)], _KEPT)
+                if pairs[0][0].laws == before:
+                    break
             every += [*pairs, *self.finished(self.alone(pairs), _KEPT)]
         every += self.within_tolerance(every)
         lost = self.base.remains > _LOST * self.runs.logged_spread()
@@ -359,51 +369,43 @@ class Search:
             for one in self.tried(sets(scored), begin)
         ]
 
-    def _wider(self, best: Fitted, found: Polished) -> list[tuple[Fitted, Polished]]:
-        """A single law replaced by those of its family with more numbers, which begin with its own."""
-        (law,) = best.laws
-        known = {number.name: value for number, value in zip(law.law.numbers, best.numbers, strict=True)}
+    def _kin(self, best: Fitted, found: Polished, more: bool = False) -> list[tuple[Fitted, Polished]]:
+        """A single law replaced by those of its family; see `_relatives`."""
         count = len(self.model.nominal)
         return self._fits(
-            ((replace(one, numbers=start),), np.r_[found.constants[:count], start], found.starts)
-            for one in _others(self.model, law)
-            if one.law.family == law.law.family and len(one.law.numbers) > len(known)
-            for start in {
-                tuple(known.get(each.name, value) for each, value in zip(one.law.numbers, start, strict=True))
-                for start in starts_of(one, self.runs)
-            }
-        )  # fmt: skip
-
-    def _kin(self, best: Fitted, found: Polished) -> list[tuple[Fitted, Polished]]:
-        """A single law replaced by those of its family with as many numbers."""
-        (law,) = best.laws
-        return self._fits(
-            ((one,), found.constants, found.starts) for one in _relatives(self.model, law, best.numbers)
+            ((one,), np.r_[found.constants[:count], one.numbers], found.starts)
+            for one in _relatives(self.runs, best.laws[0], best.numbers, more)
         )
 
     def _alike(
         self, best: Fitted, found: Polished, singles: Sequence[tuple[Fitted, Polished]]
     ) -> list[tuple[Fitted, Polished]]:
-        """A pair with each law in turn replaced: by one that alone acts the same, or by one of its family.
+        """A pair with each law in turn replaced.
+
+        By one that alone acts the same, by one of its family, or by the best ones at its component.
 
         Args:
-            singles: best first. Those of the family at the component with fewer numbers begin with their own.
+            singles: best first. They begin with the numbers that they have alone.
         """
         count = len(self.model.nominal)
         parts = list(best.by_law())
         sets = []
         for k, (law, values, _) in enumerate(parts):
             twins = [one for one in self.twins.get(law.name, ()) if one.law is law.law][:_BESIDE]
-            simpler = {
-                one.laws[0].name: replace(one.laws[0], numbers=tuple(one.numbers.tolist()))
-                for one, _ in reversed(singles)
-                if one.laws[0].law.family == law.law.family and len(one.numbers) < len(values)
-                and one.laws[0].place.component == law.place.component
-            }  # fmt: skip
+            near = [
+                replace(one.laws[0], numbers=tuple(one.numbers.tolist()))
+                for one, _ in singles
+                if one.laws[0].place.component == law.place.component and one.laws[0].name != law.name
+            ]
+            simpler = [
+                one for one in near[_BESIDE:]
+                if one.law.family == law.law.family and len(one.numbers) < len(values)
+            ]  # fmt: skip
             for two in [
                 *[replace(one, numbers=tuple(values.tolist())) for one in twins],
-                *_relatives(self.model, law, values),
-                *simpler.values(),
+                *_relatives(self.runs, law, values),
+                *near[:_BESIDE],
+                *simpler,
             ]:
                 laws = (*best.laws[:k], two, *best.laws[k + 1 :])
                 numbers = [two.numbers if j == k else one[1] for j, one in enumerate(parts)]
@@ -441,12 +443,26 @@ def _others(model: StateModel, law: Candidate) -> list[Candidate]:
     return [one for one in every if one.law is not law.law and one.signal == law.signal]
 
 
-def _relatives(model: StateModel, law: Candidate, numbers: Array) -> list[Candidate]:
-    """Those of the same family that take these numbers."""
+def _relatives(runs: Runs, law: Candidate, numbers: Array, more: bool = False) -> list[Candidate]:
+    """Those of the same family with as many numbers, or with more.
+
+    They begin with the numbers that they share with the law: by name, or by place and unit.
+    """
+    own = law.law.numbers
+    known = {(one.name, ""): value for one, value in zip(own, numbers.tolist(), strict=True)}
+    known |= {(k, one.unit): value for k, (one, value) in enumerate(zip(own, numbers.tolist(), strict=True))}
     return [
-        replace(one, numbers=tuple(numbers.tolist()))
-        for one in _others(model, law)
-        if one.law.family == law.law.family and len(one.law.numbers) == len(law.law.numbers)
+        replace(one, numbers=start)
+        for one in _others(runs.model, law)
+        if one.law.family == law.law.family
+        and (len(one.law.numbers) > len(own) if more else len(one.law.numbers) == len(own))
+        for start in {
+            tuple(
+                known.get((each.name, ""), known.get((k, each.unit), value))
+                for k, (each, value) in enumerate(zip(one.law.numbers, start, strict=True))
+            )
+            for start in starts_of(one, runs)
+        }
     ]
 
 

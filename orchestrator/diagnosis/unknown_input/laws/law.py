@@ -62,6 +62,7 @@ class Number:
             largest size, the "product" of both spreads. "range": parts of the way from the signal's lowest
             to its highest value; "second range" likewise.
         most: largest size, times the signal's spread; a fit beyond it is another law.
+        limits: least and largest value; a fit beyond them is another law.
         positive: whether its sign means nothing.
         within: whether it, or its negative if `positive`, lies within the signal's range; a fit beyond it is
             another law.
@@ -72,6 +73,7 @@ class Number:
     starts: tuple[float, ...] = (1.0,)
     by: str = "spread"
     most: float = math.inf
+    limits: tuple[float, float] = (-math.inf, math.inf)
     positive: bool = False
     within: bool = False
 

@@ -136,7 +136,8 @@ LAWS = [
     Law(
         "power drag",
         "drag",
-        (Number("factor", "w/u^n"), Number("exponent", "1", (1.4,), "one")),
+        # Dampers with fluid have exponents down to 0.15; below, it is dry friction.
+        (Number("factor", "w/u^n"), Number("exponent", "1", (1.4,), "one", limits=(0.15, 4.0))),
         _power,
         "rate",
         at="force",
