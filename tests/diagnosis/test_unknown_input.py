@@ -30,6 +30,7 @@ from orchestrator.diagnosis.unknown_input.laws import library
 from orchestrator.diagnosis.unknown_input.model import Inserted, StateModel
 from orchestrator.diagnosis.unknown_input.places import Runs, rank
 from orchestrator.diagnosis.unknown_input.played import LawEffect, PlayedModel
+from orchestrator.diagnosis.unknown_input.search import kin_of
 from orchestrator.diagnosis.unknown_input.separate import Simulable, separating
 from orchestrator.system.connection import Port
 
@@ -248,6 +249,24 @@ def test_one_law_is_tried_at_several_components(fmus: Path) -> None:
     kept = spread_out(shares, 12, 2)
     assert {one.place.component for one in kept} == {one.place.component for one in every}
     assert 2 <= len(kept) <= 3
+
+
+def test_laws_of_a_family_begin_with_the_numbers_that_they_share(fmus: Path) -> None:
+    model = StateModel(load_port_study(logged(fmus, lambda x, v: 0.0)))
+    runs = Runs(model, model.study.of(Role.TRAIN))
+    places = model.places()
+    every = [one for place in places for late in (False, True) for one in readable(model, place, late)]
+
+    def begun(law: str, other: str, numbers: list[float]) -> set[tuple[float, ...]]:
+        (one, *_) = [each for each in every if each.law.name == law]
+        found = kin_of(runs, one, np.array(numbers))
+        return {each.numbers for each in found if each.law.name == other}
+
+    # A delay takes the time of a lag. Dry friction takes the level of one that builds up over a travel, and
+    # corners of its own, since a travel is no speed.
+    assert begun("lag", "delay", [0.07]) == {(0.07,)}
+    corners = begun("Dahl friction", "coulomb", [1.5, 1e-8])
+    assert len(corners) == 2 and all(level == 1.5 and corner > 1e-4 for level, corner in corners)
 
 
 def test_the_corrected_system_runs_and_matches_the_machine(fmus: Path, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from .places import Runs, rank
 from .polish import Polished, Replays, correlation_length, polished
 from .score import SAMPLES, Scores, scored
 
-__all__ = ["LEAST", "SECOND", "Search"]
+__all__ = ["LEAST", "SECOND", "Search", "kin_of"]
 
 Array = NDArray[np.float64]
 # Laws that are fitted by a few steps, how often the same one, and of these those that are fitted to the end.
@@ -288,7 +288,7 @@ class Search:
     def _relatives(self, best: Fitted) -> Iterator[Fitted]:
         """The same laws, each in turn replaced by one of its family, as a lag by a delay."""
         for k, (law, values, _) in enumerate(best.by_law()):
-            for other in _relatives(self.runs, law, values):
+            for other in kin_of(self.runs, law, values):
                 laws = (*best.laws[:k], other, *best.laws[k + 1 :])
                 numbers = [other.numbers if j == k else one[1] for j, one in enumerate(best.by_law())]
                 yield fit(self.runs, laws, None, np.concatenate(numbers))
@@ -370,11 +370,11 @@ class Search:
         ]
 
     def _kin(self, best: Fitted, found: Polished, more: bool = False) -> list[tuple[Fitted, Polished]]:
-        """A single law replaced by those of its family; see `_relatives`."""
+        """A single law replaced by those of its family; see `kin_of`."""
         count = len(self.model.nominal)
         return self._fits(
             ((one,), np.r_[found.constants[:count], one.numbers], found.starts)
-            for one in _relatives(self.runs, best.laws[0], best.numbers, more)
+            for one in kin_of(self.runs, best.laws[0], best.numbers, more)
         )
 
     def _alike(
@@ -403,7 +403,7 @@ class Search:
             ]  # fmt: skip
             for two in [
                 *[replace(one, numbers=tuple(values.tolist())) for one in twins],
-                *_relatives(self.runs, law, values),
+                *kin_of(self.runs, law, values),
                 *near[:_BESIDE],
                 *simpler,
             ]:
@@ -443,8 +443,8 @@ def _others(model: StateModel, law: Candidate) -> list[Candidate]:
     return [one for one in every if one.law is not law.law and one.signal == law.signal]
 
 
-def _relatives(runs: Runs, law: Candidate, numbers: Array, more: bool = False) -> list[Candidate]:
-    """Those of the same family with as many numbers, or with more.
+def kin_of(runs: Runs, law: Candidate, numbers: Array, more: bool = False) -> list[Candidate]:
+    """Laws of the same family at the same place that read the same signal, with as many numbers or with more.
 
     They begin with the numbers that they share with the law: by name, or by place and unit.
     """
