@@ -222,8 +222,12 @@ def in_file(tree: SourceTree, error: BuildError) -> str:
 
 def explicit_program(tree: SourceTree, name: str) -> tuple[Program, CheckReport]:
     """A model of explicit differential equations, solved, and the check of that. Raises: BuildError."""
+    from .hybrid.adapted import has_dotted_modifiers
     from .reader import read_model
 
+    for file, text in tree.texts.items():
+        if has_dotted_modifiers(text, tree.shown(file)):
+            raise BuildError(f"{tree.shown(file)}: modifiers with dotted names are not supported")
     try:
         flat = read_model(tree, name)
 

@@ -14,7 +14,7 @@ from .classes import ModelicaClass, used_classes
 from .lexer import CLOSING, OPENING, Token
 from .sources import SourceTree
 
-__all__ = ["refuse_mixed_packages"]
+__all__ = ["refuse_mixed_packages", "refuse_repeated_redeclarations"]
 
 _PREFIXES = frozenset(
     "public protected final inner outer replaceable redeclare parameter constant flow stream input output "
@@ -53,10 +53,62 @@ def refuse_mixed_packages(tree: SourceTree, model: str) -> None:
                 )
 
 
+def refuse_repeated_redeclarations(tree: SourceTree, model: str) -> None:
+    """Refuse a component that `extends` redeclares of a class whose own `extends` redeclares it.
+
+    The compiler would silently keep the inner redeclaration.
+
+    Raises: BuildError.
+    """
+    if model not in tree.classes:
+        return
+    extended: dict[str, list[tuple[str, dict[str, Token]]]] = {}
+    own: dict[str, list[tuple[ModelicaClass, str, dict[str, Token]]]] = {}
+    for item in used_classes(tree.classes, model):
+        for statement in _parts(item.tokens, ";"):
+            short = len(statement) == len(item.tokens)
+            if statement and (short or statement[0].text == "extends"):
+                name, at = _path(statement, int(not short))
+                found = dict(_redeclared(statement[at:]))
+                extended.setdefault(item.name.rpartition(".")[2], []).append((name, found))
+                own.setdefault(item.name, []).append((item, name, found))
+    wrong = []
+    for item, name, found in (one for several in own.values() for one in several):
+        inner, bases = dict[str, str](), [name]
+        for base in bases:
+            for further, redeclared in extended.get(base, ()):
+                inner |= dict.fromkeys(redeclared, base)
+                bases += [further] * (further not in bases)
+        wrong += [
+            f"{tree.at(item.file, token)}: `{part}` is redeclared here and where {inner[part]} extends "
+            f"its base, which the compiler would keep; extend that base instead"
+            for part, token in found.items()
+            if part in inner
+        ]
+    if wrong:
+        raise BuildError("\n".join(wrong))
+
+
+def _redeclared(tokens: Sequence[Token]) -> Iterator[tuple[str, Token]]:
+    """Components that the modification behind a base class redeclares, not those of its components."""
+    depth = 0
+    for at, token in enumerate(tokens):
+        depth += (token.text in OPENING) - (token.text in CLOSING)
+        if token.text == "redeclare" and depth == 1:
+            at += 1
+            while at < len(tokens) and tokens[at].text in _PREFIXES:
+                at += 1
+            _, behind = _path(tokens, at)
+            if at < behind < len(tokens) and tokens[behind].kind == "name":
+                yield tokens[behind].text, tokens[behind]
+
+
 def _parts(tokens: Sequence[Token], mark: str) -> Iterator[list[Token]]:
     """What stands between marks outside brackets: statements by ";", declarators by ","."""
     depth, held = 0, list[Token]()
     for token in tokens:
+        if not held and token.kind == "string":  # the description of the class, before its first element
+            continue
         depth += (token.text in OPENING) - (token.text in CLOSING)
         if token.text == mark and depth <= 0:
             yield held

@@ -14,6 +14,7 @@ from orchestrator.base.digests import digest_of
 
 from ..classes import within_clause
 from ..lexer import Token, closing, tokenise
+from .modifiers import DOTTED, arguments, in_brackets
 
 Sections = dict[str, "Section"]
 Objects = Mapping[str, Sequence[tuple[str, str, str]]]
@@ -27,6 +28,7 @@ __all__ = [
     "class_texts",
     "external_objects",
     "function_body",
+    "has_dotted_modifiers",
 ]
 
 MARK = "adapted_"
@@ -121,6 +123,7 @@ def adapted(
             sections is not None and bool(re.search(r"\b(algorithm|when)\b", text)),
             lambda *all_of: _hidden(*all_of, {} if sections is None else sections, file),
         ),
+        (bool(DOTTED.search(text)), _dotted),
         (bool(re.search(r"\bder\s*\(\s*(?![\w.\[\]]*\s*\))", text)), _derivatives),
         (any(one in text for one in objects or ()), lambda *all_of: _objects(*all_of, objects or {})),
         (bool(re.search(r"\bderivative\s*[=(]", text)), _annotated),
@@ -144,6 +147,11 @@ def adapted(
             for one in reversed(edits):
                 text = text[: one.start] + one.text + text[one.end :]
     return text
+
+
+def has_dotted_modifiers(text: str, file: str) -> bool:
+    """Whether the compiler would pass over modifiers of a file; see `adapted`."""
+    return bool(DOTTED.search(text)) and any(_dotted(text, tokenise(text, file), []))
 
 
 def function_body(tokens: Sequence[Token], at: int = 0) -> tuple[int, int]:
@@ -201,27 +209,30 @@ def _own(one: _Class) -> Iterator[int]:
         place = inner.end + 2 if inner else one.end
 
 
-def _arguments(tokens: Sequence[Token], opening: int) -> list[tuple[int, int]]:
-    """First and last token of each argument of a call."""
-    end, found, begin, place = closing(tokens, opening), [], opening + 1, opening + 1
-    while place <= end:
-        text = tokens[place].text
-        if place == end or text == ",":
-            if place > begin:
-                found.append((begin, place - 1))
-            begin = place + 1
-        elif tokens[place].kind == "sign" and text in "([{":
-            place = closing(tokens, place)
-        place += 1
-    return found
-
-
 def _end_of(token: Token) -> int:
     return token.start + len(token.text)
 
 
 def _slice(text: str, tokens: Sequence[Token], first: int, last: int) -> str:
     return text[tokens[first].start : _end_of(tokens[last])]
+
+
+# Modifiers
+
+
+def _dotted(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Iterator[_Edit]:
+    """(a.b = v) -> (a(b = v)): the compiler passes over dotted names, where they name attributes."""
+    place = 0
+    while place < len(tokens) - 1:
+        if tokens[place].text == "annotation":
+            place = closing(tokens, place + 1)
+        elif tokens[place].text == "(":
+            end = closing(tokens, place)
+            if new := in_brackets(tokens, place):
+                old = _slice(text, tokens, place, end)
+                yield _Edit(tokens[place].start, _end_of(tokens[end]), _lines_kept(old, new))
+                place = end
+        place += 1
 
 
 # der() of expressions
@@ -309,7 +320,7 @@ def _objects(text: str, tokens: Sequence[Token], classes: list[_Class], names: O
             start -= 1
         inputs = {one[0]: one for one in names[token.text]}
         lines = [f"final parameter Real {name.text} = 0"]
-        for (label, _, _), (a, b) in zip(names[token.text], _arguments(tokens, opening), strict=False):
+        for (label, _, _), (a, b) in zip(names[token.text], arguments(tokens, opening), strict=False):
             if tokens[a].kind == "name" and tokens[a + 1].text == "=":
                 label, a = tokens[a].text, a + 2
             _, kind, size = inputs[label]

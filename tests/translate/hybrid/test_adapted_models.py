@@ -776,3 +776,76 @@ end P;
     angle = np.mod(10 * time + 1, 4)
     assert found["w"] == pytest.approx(np.where(angle > 2, angle - 4, angle))
     assert found["h"] == pytest.approx(np.where(time < 1, 2 * (1 - time), 3 * (1 - time)), abs=1e-9)
+
+
+def test_modifiers_with_dotted_names_act_as_nested_ones(tmp_path):
+    fmu = made(tmp_path, """
+package P
+  model Decay
+    parameter Real rate = 1;
+    Real x(start=1, fixed=true);
+  equation
+    der(x) = -rate*x;
+  end Decay;
+  model Pair
+    Decay one, two;
+  end Pair;
+  model Faster
+    extends Pair(one.rate = 2, two.rate = 3, two.x.start = 4);
+  end Faster;
+  model M
+    Decay plain(x.start = 2);
+    Decay both(x.start = 3, rate = 2,
+      x.nominal = 5);
+    Decay mixed(x(nominal = 5), x.start = 6);
+    Pair pair(final one.x.start = sin(0.5), one.rate = 0.5, two.x.start = 7);
+    Faster faster(one.x.start = 8);
+    Decay many[2](x.start = {9, 10}, each rate = 3);
+  end M;
+end P;
+""", model="P.M")  # fmt: skip
+    exact = {
+        "plain": (2, 1), "both": (3, 2), "mixed": (6, 1),
+        "pair.one": (math.sin(0.5), 0.5), "pair.two": (7, 1),
+        "faster.one": (8, 2), "faster.two": (4, 3), "many[1]": (9, 3), "many[2]": (10, 3),
+    }  # fmt: skip
+    found = run(fmu, 1.0, 0.5, *(f"{name}.x" for name in exact))
+    for name, (start, rate) in exact.items():
+        assert np.abs(found[f"{name}.x"] / start - np.exp(-rate * found["time"])).max() < 1e-8
+
+
+def test_a_model_without_events_keeps_its_dotted_start_values(tmp_path):
+    fmu = made(tmp_path, """
+model M
+  model Mass
+    Real v(start=0, fixed=true);
+  equation
+    der(v) = -v;
+  end Mass;
+  Mass mass(v.start = 2);
+end M;
+""")  # fmt: skip
+    assert abs(run(fmu, 1.0, 1.0, "mass.v")["mass.v"][-1] - 2 * math.exp(-1)) < 1e-8
+
+
+def test_only_modifiers_are_nested():
+    text = """model M
+  Part a(b.c = 1, /* of two */ b.d.e = {f(g.h), 2}, redeclare Other o(p.q = 3)) "(r.s = 4)";
+  Part t(each final u.v = 1, u.w = 2,
+
+    k = 1.5);
+equation
+  (x, y) = f(a.b, n=c.d);
+  connect(a.b, c.d) annotation(Line(points={{0, 0}}), e.f = 3);
+  z = if (a.b == c.d) then 1 else 0;
+end M;
+"""
+    new = adapted(text, "M.mo")
+    assert [line for line in new.splitlines() if line] == [
+        "model M",
+        '  Part a(b (c = 1, d (e = { f ( g . h ) , 2 })), redeclare Other o (p (q = 3))) "(r.s = 4)";',
+        "  Part t(u (each final v = 1, w = 2), k = 1.5)",
+        ";",
+        *[line for line in text.splitlines() if line][4:],
+    ]
+    assert new.count("\n") == text.count("\n")
