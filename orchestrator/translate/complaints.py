@@ -212,7 +212,8 @@ _RULES: tuple[Rule, ...] = (
         lambda s, m: (
             s.name(m[1]),
             f"of `{m[1]}` and `{m[2]}` one is a member of an expandable connector that only this connection "
-            "declares, which is not supported; declare the members of an expandable connector in it",
+            "declares; that may be a scalar signal or a bus: declare arrays in the connector, and connect "
+            "physical connectors without it",
         ),
     ),
     (
@@ -220,7 +221,7 @@ _RULES: tuple[Rule, ...] = (
         lambda s, m: (
             s.find(".", m[1]),
             f"`{m[1]}` is declared by no class that its connector or component has; if the connector is "
-            "expandable, declare its members in it: those that only connections declare are not supported",
+            "expandable, declare its members in it, or connect scalar signals to them",
         ),
     ),
     (

@@ -20,10 +20,11 @@ from ..compiler import TIME_LIMIT, compile_model
 from ..complaints import CompilerRefusal, explained
 from ..flatten import called_partial, flatten, message_of, syntax_faults
 from ..lexer import tokenise
-from ..redeclared import refuse_mixed_packages
+from ..redeclared import refuse_mixed_packages, refuse_repeated_redeclarations
 from ..sources import SourceTree, Spans, library_texts
 from . import adapted as rules
 from .adapted import ANY, ANY_MODEL, Objects, Section, Sections, adapted, class_texts, external_objects
+from .buses import refuse_unknown_members, types_of_members, with_members
 from .statements import FunctionSource
 
 __all__ = [
@@ -127,6 +128,7 @@ def _forms(
     if known and set(stages) <= known[0].keys():
         return known
     refuse_mixed_packages(tree, model)
+    refuse_repeated_redeclarations(tree, model)
     # Names of a library cannot be changed, so those of the model stay as well.
     with tree.marked_copy(renamed=not libraries) as folder:
         restored = tree.restored if not libraries else str
@@ -145,6 +147,7 @@ def _forms(
             asked = None if libraries else lambda other: message_of(other, model, partial)
             raise CompilerRefusal(explained(tree, model, text, asked))
         forms = answer.forms
+        refuse_unknown_members(tree, [one["name"] for one in forms["dae"]["storage"]["variables"]])
         prefix = f"{folder.as_posix()}/"
         if "flat" not in stages and "sections" not in rewritten and forms["dae"]["storage"][_TRANSACTIONS]:
             again = rewritten | {"sections"}
@@ -186,7 +189,7 @@ def needed_rewrites(refusal: str) -> frozenset[str]:
         r"is not a discrete coordinate|reinit\(\) can only be applied to state variables: \S*\[", refusal
     ):
         needed |= {"sections", "whens"}  # a when-equation that sets elements of an array
-    return frozenset(needed)
+    return frozenset((*needed, *types_of_members(refusal)))
 
 
 def prepared(
@@ -200,7 +203,8 @@ def prepared(
 
     Args:
         rewritten: "functions" where those with while, break or return become external, "sections" where
-            the compiler is to see no algorithm section, "whens" where when-equations count as such.
+            the compiler is to see no algorithm section, "whens" where when-equations count as such; what
+            `types_of_members` found.
         sections: gets those that it does not see.
     Returns: the folders of libraries as it takes them; files of the model that differ from before.
     """
@@ -216,12 +220,15 @@ def prepared(
     if libraries:
         modernised(folder)
     texts = {path: path.read_bytes().decode() for path in before}
+    named = {path.relative_to(folder).as_posix(): text for path, text in texts.items()}
+    texts |= {folder / path: text for path, text in with_members(named, rewritten).items()}
     objects |= external_objects(texts.values())
     common, models = _of_all(tree)
     for path, text in texts.items():
         whens = "whens" in rewritten
-        if (new := adapted(text, path.name, objects, common, models, functions, sections, whens)) != text:
-            path.write_bytes(new.encode())
+        new = adapted(text, path.name, objects, common, models, functions, sections, whens).encode()
+        if new != before[path]:
+            path.write_bytes(new)
     if common:
         (folder / f"{ANY}.mo").write_text(ANY_MODEL)
     changed = [path for path, content in before.items() if path.read_bytes() != content]
@@ -230,6 +237,8 @@ def prepared(
 
 def adapts(tree: SourceTree) -> bool:
     """Whether the compiler does not see a model's sources as they are."""
+    if with_members(tree.texts):
+        return True
     objects = external_objects(tree.texts.values())
     common, models = _of_all(tree)
     return any(adapted(text, file, objects, common, models) != text for file, text in tree.texts.items())

@@ -15,18 +15,23 @@ from tests.translate.hybrid.test_hybrid_models import made
 
 # First column of the table -> model and message, which begins with its place.
 REFUSED = {
-    "members of expandable connectors that only connections declare": (
+    "members of expandable connectors that only connections declare, and that are arrays or physical": (
         """package M
-  connector In = input Real;
-  connector Out = output Real;
+  connector Pin
+    Real v;
+    flow Real i;
+  end Pin;
   expandable connector Bus
   end Bus;
-  block Source
-    Out y = time;
+  model Source
+    Pin y;
+  equation
+    y.v = time;
   end Source;
-  block Sink
-    In u;
-    Real z = 2*u;
+  model Sink
+    Pin u;
+  equation
+    u.v = u.i;
   end Sink;
   model M
     Source source;
@@ -38,7 +43,32 @@ REFUSED = {
   end M;
 end M;
 """,
-        r"18:\d+: of `source.y` and `bus.speed` one is a member of an expandable .* declare the members",
+        r"23:\d+: of `source.y` and `bus.speed` one is a member of an expandable .* declare arrays",
+    ),
+    "a component that `extends` redeclares of a class whose own `extends` redeclares it": (
+        """package M
+  model One
+    Real y = 1;
+  end One;
+  model Two
+    Real y = 2;
+  end Two;
+  model General
+    replaceable One part;
+    Real x(start=0, fixed=true);
+  equation
+    der(x) = part.y;
+  end General;
+  model Special "described"
+    extends General(redeclare replaceable Two part);
+  end Special;
+  model M "described"
+    extends Special(
+      redeclare One part);
+  end M;
+end M;
+""",
+        r"19:21: `part` is redeclared here and where Special extends its base, .* extend that base instead",
     ),
     "`spatialDistribution()`": (
         """model M
