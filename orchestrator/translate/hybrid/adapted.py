@@ -102,7 +102,7 @@ def adapted(
     objects: Objects | None = None,
     common: bool = False,
     models: frozenset[str] = frozenset(),
-    functions: bool = True,
+    functions: frozenset[str] | None = frozenset(),
     sections: Sections | None = None,
     whens: bool = False,
 ) -> str:
@@ -113,7 +113,8 @@ def adapted(
         objects: what `external_objects` found.
         common: whether its models extend `ANY`.
         models: qualified names of models, which imports must not go through.
-        functions: whether those with while, break or return become external: the compiler evaluates none.
+        functions: those that become external beside all with while, break or return, which the compiler does
+            not evaluate, by the ends of their names; None: none becomes external.
         sections: where algorithm sections are put which the compiler is not to see; None: it sees them.
         whens: whether when-equations count as such, each as a section of its own.
     """
@@ -127,7 +128,10 @@ def adapted(
         (bool(re.search(r"\bder\s*\(\s*(?![\w.\[\]]*\s*\))", text)), _derivatives),
         (any(one in text for one in objects or ()), lambda *all_of: _objects(*all_of, objects or {})),
         (bool(re.search(r"\bderivative\s*[=(]", text)), _annotated),
-        (functions and bool(re.search(r"\b(while|break|return)\b", text)), _functions),
+        (
+            functions is not None and bool(functions or re.search(r"\b(while|break|return)\b", text)),
+            lambda *all_of: _functions(*all_of, functions or frozenset()),
+        ),
         (bool(re.search(r"\bencapsulated\s+partial\s+model\b", text)), _lifted),
         (
             any(
@@ -339,17 +343,20 @@ def _lines_kept(old: str, new: str) -> str:
 # Functions
 
 
-def _functions(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Iterator[_Edit]:
-    """A function with while, break or return becomes an external one; see `functions`."""
+def _functions(
+    text: str, tokens: Sequence[Token], classes: list[_Class], named: frozenset[str]
+) -> Iterator[_Edit]:
+    """A function with while, break or return becomes an external one, as do those named; see `functions`."""
     within = -1
-    for one in _all(classes):
+    for name, one in _named(classes, within_clause(tokens)):
         if one.start < within:  # of a function that is external as a whole
             continue
         own = list(_own(one)) if one.kind == "function" else []
         words = [tokens[place].text for place in own]
-        if "algorithm" not in words or not {"while", "break", "return"} & set(
-            words[words.index("algorithm") :]
-        ):
+        if "algorithm" not in words:
+            continue
+        jumps = {"while", "break", "return"} & set(words[words.index("algorithm") :])
+        if not jumps and not any(f".{name}".endswith(f".{end}") for end in named):
             continue
         kept: dict[str, list[str]] = {"input": [], "output": []}
         lines = []

@@ -143,7 +143,7 @@ def _forms(
                 return _forms(tree, model, libraries, time_limit, partial, stages, more)
             if wrong := syntax_faults(tree.texts, tree.shown):
                 raise BuildError("\n".join(wrong))
-            text = _short(answer.refusal.replace(f"{folder}/", tree.label))
+            text = _short(_of_user(answer.refusal.replace(f"{folder}/", tree.label), roots, libraries))
             asked = None if libraries else lambda other: message_of(other, model, partial)
             raise CompilerRefusal(explained(tree, model, text, asked))
         forms = answer.forms
@@ -153,7 +153,7 @@ def _forms(
             again = rewritten | {"sections"}
             return _forms(tree, model, libraries, time_limit, partial, stages, again)
         files = {
-            number: (path.replace("\\", "/").removeprefix(prefix), text)
+            number: (_of_user(path.replace("\\", "/").removeprefix(prefix), roots, libraries), text)
             for number, path, text in forms["dae"]["source_map"]["files"]
         }
     restored_texts = {key: replace(one, text=restored(one.text)) for key, one in sections.items()}
@@ -183,6 +183,8 @@ def needed_rewrites(refusal: str) -> frozenset[str]:
     needed = set()
     if re.search(r"owner `function (statement|return|loop)|missing function value", refusal):
         needed.add("functions")
+    if loop := re.search(r"owner `function loop domain`: `([\w.]+)`", refusal):
+        needed |= {"functions", f"function {loop[1]}"}  # limits of an inner loop depend on the outer one
     if re.search(r"unsupported (model|initial) algorithm|(for|while|if|when)-statement", refusal):
         needed.add("sections")
     if re.search(
@@ -202,14 +204,16 @@ def prepared(
     """Rewrite the copy of a model's sources as the compiler takes them.
 
     Args:
-        rewritten: "functions" where those with while, break or return become external, "sections" where
-            the compiler is to see no algorithm section, "whens" where when-equations count as such; what
-            `types_of_members` found.
+        rewritten: "functions" where those with while, break or return become external, "function NAME"
+            where this one does, whatever it holds, "sections" where the compiler is to see no algorithm
+            section, "whens" where when-equations count as such; what `types_of_members` found.
         sections: gets those that it does not see.
     Returns: the folders of libraries as it takes them; files of the model that differ from before.
     """
     roots, objects = [], {}
-    functions = "functions" in rewritten
+    functions: frozenset[str] | None = None
+    if "functions" in rewritten:
+        functions = frozenset(re.findall(r"^function (.+)$", "\n".join(sorted(rewritten)), re.MULTILINE))
     if sections is None or "sections" not in rewritten:
         sections = None
     for library in libraries:
@@ -250,7 +254,9 @@ def _of_all(tree: SourceTree) -> tuple[bool, frozenset[str]]:
     return common, frozenset(one.name for one in tree.classes.values() if one.kind in ("model", "block"))
 
 
-def _adapted_library(library: Path, functions: bool, sections: Sections | None) -> tuple[Path, Objects]:
+def _adapted_library(
+    library: Path, functions: frozenset[str] | None, sections: Sections | None
+) -> tuple[Path, Objects]:
     """A library's folder as the compiler takes it, and its external objects; adds to `sections`.
 
     The compiler reads a folder that it knows several times as fast, so that copies are kept.
@@ -263,7 +269,7 @@ def _adapted_library(library: Path, functions: bool, sections: Sections | None) 
             [
                 file_digest(Path(rules.__file__)),
                 str(library.resolve()),
-                functions,
+                functions if functions is None else sorted(functions),
                 sections is not None,
                 state,
             ]
@@ -361,6 +367,13 @@ def modernised(folder: Path) -> None:
             text = re.sub(r"\bimport\s+Modelica\.SIunits\s*;", "import SIunits = Modelica.Units.SI;", text)
             text = text.replace("Modelica.SIunits.Conversions", "Modelica.Units.Conversions")
             path.write_text(text.replace("Modelica.SIunits", "Modelica.Units.SI"))
+
+
+def _of_user(text: str, copies: Sequence[Path], libraries: Sequence[Path]) -> str:
+    """A text with the folders of libraries in place of their copies, which the user does not know."""
+    for copy, library in zip(copies, libraries, strict=True):
+        text = text.replace(f"{copy.as_posix()}/", f"{library.as_posix()}/")
+    return text
 
 
 def _short(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Functions with statements that the compiler refuses (while, break, return), as C.
+"""Functions that the compiler does not evaluate (while, break, return, dependent loops), as C.
 
 Each is written once for each set of sizes of its inputs.
 """
@@ -89,7 +89,8 @@ class _Writer:
 
     def _error(self, what: str) -> BuildError:
         return BuildError(
-            f"the function {self._name}(): {what} is not supported in functions with while or return"
+            f"the function {self._name}(): {what} is not supported in functions with while, return, or loops "
+            "whose limits change"
         )
 
     def _declare(self, one: Variable) -> None:

@@ -433,6 +433,32 @@ end M;
     assert main(["build", str(source), "-o", str(tmp_path / "N.fmu")]) == 1
 
 
+@pytest.mark.parametrize(
+    "lag, told",
+    [
+        ("0.1 + abs(s), 2.0", "delay() with a delay time that changes"),  # by the translation
+        ("true", "delay() "),  # by the compiler
+    ],
+)
+def test_an_error_within_a_library_names_the_users_file(tmp_path, lag, told):
+    library = tmp_path / "libraries" / "Springs"
+    library.mkdir(parents=True)
+    (library / "package.mo").write_text("package Springs\nend Springs;\n")
+    (library / "Late.mo").write_text(f"""within Springs;
+model Late
+  Real s(start=1, fixed=true);
+equation
+  der(s) = -delay(s, {lag}) - (if s > 0.5 then 1 else 0);
+end Late;
+""")
+    source = tmp_path / "M.mo"
+    source.write_text("model M\n  Springs.Late late;\nend M;\n")
+    with pytest.raises(BuildError) as refusal:
+        build(source, tmp_path / "M.fmu", platforms=(this_platform(),), libraries=[library.parent])
+    assert str(refusal.value).startswith(f"{library / 'Late.mo'}:5:")
+    assert told in str(refusal.value)
+
+
 def test_units_of_an_old_standard_library_get_their_new_names(tmp_path):
     (tmp_path / "Old.mo").write_text(
         "model Old\nimport Modelica.SIunits;\nModelica.SIunits.Mass m;\nend Old;\n"
@@ -585,21 +611,39 @@ model M
       total := total + 100*i*j;
     end for;
   end weighted;
+  function below "solution of a lower triangular system"
+    input Real a[:, :];
+    input Real b[size(a, 1)];
+    output Real x[size(a, 1)];
+  algorithm
+    for i in 1:size(a, 1) loop
+      x[i] := b[i];
+      for j in 1:i - 1 loop
+        x[i] := x[i] - a[i, j]*x[j];
+      end for;
+      x[i] := x[i]/a[i, i];
+    end for;
+  end below;
   parameter Real a[3, 3] = [-1, 1, 0; 0, -2, 1; 0.5, 0, -1];
   Real x[3](start={1, 2, 3}, each fixed=true);
   Real slope[3];
   Real total;
+  Real z[3];
 equation
+  z = below([2, 0, 0; 1, 4, 0; -1, 3, 5], {time, 1, 2});
   (slope, total) = weighted(a, x);
   der(x) = slope;
 end M;
 """)  # fmt: skip
-    found = run(fmu, 2.0, 0.5, "x[1]", "x[2]", "x[3]", "total")
+    found = run(fmu, 2.0, 0.5, "x[1]", "x[2]", "x[3]", "total", "z[3]")
     matrix = np.array([[-1, 1, 0], [0, -2, 1], [0.5, 0, -1]])
     for place, now in enumerate(found["time"]):
         exact = expm(matrix * now) @ [1, 2, 3]
         assert np.abs([found[f"x[{n}]"][place] for n in (1, 2, 3)] - exact).max() < 1e-8
     assert np.abs(found["total"] - 3 * matrix.sum() - 900).max() < 1e-12
+    lower = np.linalg.inv([[2, 0, 0], [1, 4, 0], [-1, 3, 5]])[2]
+    exact = lower[0] * found["time"] + lower[1] + 2 * lower[2]
+    assert np.abs(found["z[3]"] - exact).max() < 1e-12
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
