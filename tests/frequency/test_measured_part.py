@@ -120,3 +120,51 @@ class Described:
 
     def __getattr__(self, name):
         return getattr(self._fmu, name)
+
+
+TURNTABLE = '''
+"""A turntable that a torque turns, with its direction as cosine and sine."""
+import math
+
+from pythonfmu import Fmi2Causality, Fmi2Slave, Real
+
+
+class Turntable(Fmi2Slave):
+    """angle'' = torque[1]/2; direction = (cos angle, sin angle)."""
+
+    type_attributes = {name: {"unit": "1"} for name in ("torque", "direction[1]", "direction[2]")}
+    dependencies = {"direction[1]": (), "direction[2]": ()}
+    initial_dependencies = dependencies
+
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.torque, self.angle, self.rate = 0.0, 0.0, 0.0
+        self.register_variable(Real("torque", causality=Fmi2Causality.input, description="torque", start=0.0))
+        for index, part in ((1, math.cos), (2, math.sin)):
+            name = f"direction[{index}]"
+            self.register_variable(
+                Real(name, causality=Fmi2Causality.output, description=name,
+                     getter=lambda part=part: part(self.angle))
+            )
+
+    def do_step(self, time, step):
+        if abs(self.torque) > 5e-4:
+            raise ValueError("the torque is too large")
+        self.angle += step * self.rate + step**2 * self.torque / 4
+        self.rate += step * self.torque / 2
+        return True
+'''
+
+
+def test_second_order_falls_out_integrators_are_exact_and_refused_steps_become_smaller(tmp_path):
+    """The cosine answers with the square of the turn; a torque of the usual step's height is refused."""
+    (tmp_path / "turntable.py").write_text(TURNTABLE, encoding="utf-8")
+    system = orc.System(step_size="1 ms", stop_time="1 s")
+    system.add("table", str(build_python_fmu(tmp_path / "turntable.py", tmp_path / "Turntable.fmu")))
+    system.connect("table.direction[2]", "table.torque", {"gain": -8.0}, {"delay": "10 ms"})
+    found = orc.linearise(system.data)
+    part = found.parts["table"]
+    assert np.linalg.eigvals(part.a).tolist() == [0.0, 0.0]
+    assert any("2 measured states count as integrators" in note for note in found.notes)
+    root = found.modes().dominant.root
+    assert 2.0 * root**2 + 8.0 * np.exp(-0.01 * root) == pytest.approx(0.0, abs=1e-3)
