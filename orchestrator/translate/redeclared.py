@@ -54,9 +54,9 @@ def refuse_mixed_packages(tree: SourceTree, model: str) -> None:
 
 
 def refuse_repeated_redeclarations(tree: SourceTree, model: str) -> None:
-    """Refuse a component that `extends` redeclares of a class whose own `extends` redeclares it.
+    """Refuse a component that `extends` redeclares of a class which does not itself declare it.
 
-    The compiler would silently keep the inner redeclaration.
+    The compiler would silently keep what the class inherits or redeclares.
 
     Raises: BuildError.
     """
@@ -85,8 +85,20 @@ def refuse_repeated_redeclarations(tree: SourceTree, model: str) -> None:
             for part, token in found.items()
             if part in inner
         ]
+        used = [one for one in tree.classes.values() if one.name.rpartition(".")[2] == name]
+        wrong += [
+            f"{tree.at(item.file, token)}: `{part}` is redeclared here, but {name} inherits it, so that the "
+            f"compiler would keep what it is there; extend the class that declares `{part}` instead"
+            for part, token in found.items()
+            if used and part not in inner and not any(_declares(one, part) for one in used)
+        ]
     if wrong:
         raise BuildError("\n".join(wrong))
+
+
+def _declares(item: ModelicaClass, name: str) -> bool:
+    pairs = zip(item.tokens, item.tokens[1:], strict=False)
+    return any(one.text == name and (last.kind == "name" or last.text in ("]", ",")) for last, one in pairs)
 
 
 def _redeclared(tokens: Sequence[Token]) -> Iterator[tuple[str, Token]]:

@@ -70,6 +70,27 @@ end M;
 """,
         r"19:21: `part` is redeclared here and where Special extends its base, .* extend that base instead",
     ),
+    "a component that `extends` redeclares of a class which inherits it": (
+        """package M
+  model One
+    Real y = 1;
+  end One;
+  model Two
+    Real y = 2;
+  end Two;
+  model General
+    replaceable One part;
+  end General;
+  model Special
+    extends General;
+  end Special;
+  model M
+    extends Special(redeclare Two part);
+  end M;
+end M;
+""",
+        r"15:35: `part` is redeclared here, but Special inherits it, .* extend the class that declares",
+    ),
     "`spatialDistribution()`": (
         """model M
   Real x(start=0, fixed=true), a, b;
