@@ -24,10 +24,11 @@ _TEMPERATURE = 1.14
 def simplest(search: Search, weighed: Sequence[tuple[Fitted, Polished, float]]) -> int:
     """Index of the answer.
 
-    A second law must halve what the best single one leaves, if that is twice the noise or more. So must an
-    answer that moves a parameter beyond its tolerance, against the best one that does not. A law that is
-    tried late must close as much of what the others leave as any law in its place. A law must halve what one
-    with fewer numbers and states leaves, of its family at its component.
+    A second law must halve what the best single one leaves, if that is twice the noise or more, or bring
+    parameters back to their tolerances. An answer that moves a parameter beyond its tolerance must halve what
+    the best one leaves that does not. A law that is tried late must close as much of what the others leave as
+    any law in its place. A law must halve what one with fewer numbers and states leaves, of its family at its
+    component.
     """
     best: dict[int, int] = {}
     for count in {len(one.laws) for one, _, _ in weighed}:
@@ -52,6 +53,9 @@ def simplest(search: Search, weighed: Sequence[tuple[Fitted, Polished, float]]) 
             gain = after[2] - before[2]
             share = _HALF if count == 2 else _THIRD
             if count == 2 and len(before[0].laws) == 1 and before[1].remains < SECOND:
+                # One law explains the logs, unless it needs what the tolerances do not allow.
+                if gain > LEAST and search.far(before[1].constants) and not search.far(after[1].constants):
+                    chosen = best[count]
                 continue
             if gain > LEAST and closed(before[1].remains, after[1].remains, 0.0) >= share:
                 chosen = best[count]

@@ -116,10 +116,14 @@ class Search:
         return made, found
 
     def explained(self, found: Sequence[tuple[Fitted, Polished]]) -> bool:
-        """Whether some laws leave little more than the noise, or close nearly all of the gap."""
-        if not found:
+        """Whether some laws leave little more than the noise, or close nearly all of the gap.
+
+        Those that need a parameter beyond its tolerance may lack a second law.
+        """
+        near = [one for _, one in found if not self.far(one.constants)]
+        if not near:
             return False
-        least = min((one for _, one in found), key=lambda one: one.remains)
+        least = min(near, key=lambda one: one.remains)
         if least.remains < _EXPLAINED:
             return least.length < _WHITE
         return closed(self.base.remains, least.remains) > _MOST
@@ -343,7 +347,8 @@ class Search:
             rare = self.finished(tried, _LATE_KEPT)
             every += rare
             singles = _unlike([*singles, *rare])
-        if not self.explained(every) and (not singles or singles[0][1].remains > SECOND):
+        lacking = not singles or singles[0][1].remains > SECOND or bool(self.far(singles[0][1].constants))
+        if not self.explained(every) and lacking:
             self.progress("pairs of laws")
             pairs = self.finished(self._pairs(scores, singles), _KEPT)
             for _ in range(_ROUNDS if pairs else 0):
