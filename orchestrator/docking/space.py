@@ -18,9 +18,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from ..frequency.from_system import LinearPoint
     from ..results.recorders import Results
-    from ..simulation.run import Prepared
 
 __all__ = ["SpaceMeasure", "effective_mass"]
 
@@ -131,12 +129,6 @@ class SpaceMeasure:
         if abs(ratio - 1.0) <= 2 * KEPT:
             return f"{sentence}: the loop keeps the energy of the contact."
         return f"{sentence}: the loop {'adds' if ratio > 1.0 else 'takes'} energy at each contact."
-
-    def linear_point(self, prepared: Prepared, options: SpaceOptions) -> LinearPoint:
-        """Stability is that of the contact: the rod in light touch."""
-        from .space_point import touching_point
-
-        return touching_point(prepared, options)
 
     def scene(self, results: Results, options: SpaceOptions) -> dict[str, Any]:
         """The rod's tip between the surfaces, and both satellites."""

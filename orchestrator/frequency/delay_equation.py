@@ -348,16 +348,11 @@ class DelayEquation:
 
     def _certified(self, guesses: Complex, count: int) -> Modes | None:
         ordered = guesses[np.argsort(-guesses.real)]
-        tried: list[complex] = []
+        upper = ordered[ordered.imag >= -1e-9 * abs(ordered)][: count + 12]
         roots: list[complex] = []
-        for guess in ordered[ordered.imag >= -1e-9 * abs(ordered)].tolist():
-            if len(tried) == count + 12:
-                break
-            if _listed(guess, tried, 1e-10):  # integrators, or parts that are there more than once
-                continue
-            tried.append(guess)
-            found = self.root_near(guess)
-            if found is not None and not _listed(found, roots, 1e-7):
+        for guess in upper:
+            found = self.root_near(complex(guess))
+            if found is not None and not any(abs(found - one) <= 1e-7 * max(abs(one), 1e-9) for one in roots):
                 roots.append(found)
         roots.sort(key=lambda one: (-one.real, one.imag))
         totals = np.cumsum([2 if one.imag > 0.0 else 1 for one in roots])
@@ -446,11 +441,6 @@ class DelayEquation:
         order = np.argsort(-share)
         named = tuple((self.states[index], float(share[index])) for index in order if share[index] > 1e-3)
         return Mode(root, self._residual(root), named)
-
-
-def _listed(s: complex, roots: Sequence[complex], close: float) -> bool:
-    """Whether a root is among others, to a relative distance."""
-    return any(abs(s - one) <= close * max(abs(one), 1e-9) for one in roots)
 
 
 def _contracts(matrix: Array) -> bool:

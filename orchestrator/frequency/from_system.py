@@ -9,7 +9,7 @@ the config's measures know beyond that, a point and laws of instances, is asked 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,9 +28,9 @@ from .closing import chains_of, closed_system, sources
 from .delay_equation import Modes
 from .delay_system import FILTER, DelaySystem
 from .inner_delays import InnerDelay, inner_delays, uneven
-from .late_inputs import MEASURE, acts, find_late_inputs
+from .late_inputs import MEASURE, acts, find_late_input
 from .margins import DelayMargin, Margins
-from .measured_part import SAMPLES, measured_part
+from .measured_part import measured_part
 from .measured_samples import sampled_law, sampling
 from .open_loop import OpenLoop
 from .statespace import LateInput, Law, StateSpace, linearised, real_ports
@@ -39,8 +39,6 @@ from .twin_runs import resumed
 if TYPE_CHECKING:
     import control
     from matplotlib.figure import Figure
-
-    from ..fmi import FmuInstance
 
 __all__ = ["Law", "LinearPoint", "Linearised", "linearise", "refusal"]
 
@@ -53,11 +51,11 @@ class LinearPoint:
 
     Attributes:
         start: start values of its operating point by instance and variable, FMU's units.
-        laws: by instance; a function gives that of a running instance where it stands.
+        laws: by instance.
     """
 
     start: Mapping[str, Mapping[str, Any]]
-    laws: Mapping[str, Law | Callable[[FmuInstance], Law]]
+    laws: Mapping[str, Law]
 
 
 @dataclass(frozen=True, repr=False)
@@ -205,7 +203,7 @@ def linearise(
 def _known_point(prepared: Prepared) -> LinearPoint:
     """What the measures of a config know."""
     start: dict[str, Mapping[str, Any]] = {}
-    laws: dict[str, Law | Callable[[FmuInstance], Law]] = {}
+    laws: dict[str, Law] = {}
     for chosen in choose_measures(prepared.config):
         known = getattr(chosen.measure, "linear_point", None)
         if known is not None:
@@ -222,14 +220,12 @@ def _started(prepared: Prepared, start: Mapping[str, Mapping[str, Any]]) -> Prep
     return replace(prepared, system=replace(prepared.system, instances=instances))
 
 
-def _linearised(
-    prepared: Prepared, at_time: float | None, laws: Mapping[str, Law | Callable[[FmuInstance], Law]]
-) -> Linearised:
+def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, Law]) -> Linearised:
     system = prepared.system
     problems: list[Problem] = []
     notes: list[str] = []
     parts: dict[str, StateSpace] = {}
-    known: dict[str, Law] = {}
+    known = dict(laws)
     hidden: dict[str, LateInput] = {}
     inner: dict[str, tuple[InnerDelay, ...]] = {}
     point: dict[str, float] = {}
@@ -246,10 +242,8 @@ def _linearised(
             outputs = tuple(name for name, is_output in real_ports(one.fmu) if is_output)
             read = tuple(name for name in outputs if f"{one.name}.{name}" in seen)
             if one.name in laws:
-                law = laws[one.name]
-                known[one.name] = law if isinstance(law, Law) else law(running)
-                part = known[one.name].space
-                notes += [f"{one.name}: {note}" for note in known[one.name].notes]
+                part = laws[one.name].space
+                notes += [f"{one.name}: {note}" for note in laws[one.name].notes]
             elif refusal(one) is None:
                 part = linearised(one.fmu, running, inputs, outputs)
             else:
@@ -308,7 +302,8 @@ def _linearised(
                 inner[one.name], unknown = inner_delays(one, part, values, prepared)
                 notes += [_inner_note(one, part, each) for each in inner[one.name]]
                 notes += [f"{one.name}: {unknown}"] if unknown else []
-            find_late_inputs(here[0], part, values, here[1], hidden, notes, problems)
+            for name in inputs:
+                find_late_input(here[0], part, name, values, here[1], hidden, notes, problems)
     chains, wrong = chains_of(system.connections, notes)
     if problems or wrong:
         raise ConfigError([*problems, *wrong])
@@ -385,19 +380,7 @@ def _by_steps(
     within = f", after delays of {listed(f'{delay:.6g} s' for delay in delays.values())}" if delays else ""
     count = f"{len(part.states)} state{'' if len(part.states) == 1 else 's'}"
     text = f"{one.name} {why}; its step response was measured: {count}{within}, error {100 * error:.2g} %"
-    slow = [f"{one.name}: {slow}"] if (slow := _slow_text(part, error, prepared)) else []
-    return part, late, [text, *slow, _UNSEEN] if read else []
-
-
-def _slow_text(part: StateSpace, error: float, prepared: Prepared) -> str:
-    """How many measured states count as integrators, and what is not told from them."""
-    count = int(np.sum(np.linalg.eigvals(part.a) == 0.0))
-    if not count:
-        return ""
-    # A slow pole p bends the answer of an integrator by p t/2.
-    least = 2.0 * error / (SAMPLES * float(prepared.grid.step_size))
-    states = f"{count} measured state{' counts as an integrator' if count == 1 else 's count as integrators'}"
-    return f"{states}; poles slower than {least:.2g} 1/s are not told from 0"
+    return part, late, [text, _UNSEEN] if read else []
 
 
 def _inner_note(one: Instance, part: StateSpace, inner: InnerDelay) -> str:

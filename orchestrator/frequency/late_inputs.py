@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from ..base.errors import OrchestratorError, Problem
 from ..simulation.run import Prepared
 from ..system.system import Instance
-from .measured_part import answer, differences, height_of, passage
+from .measured_part import answer, passage
 from .statespace import LateInput, StateSpace
 
-__all__ = ["MEASURE", "acts", "find_late_inputs"]
+__all__ = ["MEASURE", "acts", "find_late_input"]
 
 Array = NDArray[np.float64]
 
@@ -27,12 +27,6 @@ _LEFT = 2e-3
 # An answer that falls with the step's height by more than this has no linear part.
 _BENT = 0.6
 
-# Steps before the input's where what the run has left within the FMU matters.
-_SETTLE = 64
-# What is left out beside other elements of an array.
-_SLIGHT = 1e-3
-_UNLIKE = "what answers a step of it later is no pure delay"
-
 MEASURE = "Measure the loop with orchestrator.frequency.sweep_system."
 
 
@@ -42,95 +36,52 @@ def acts(part: StateSpace, name: str) -> bool:
     return bool(part.b[:, column].any() or part.d[:, column].any())
 
 
-def find_late_inputs(
+def find_late_input(
     one: Instance,
     part: StateSpace,
+    name: str,
     values: Mapping[str, Any],
     prepared: Prepared,
     hidden: dict[str, LateInput],
     notes: list[str],
     problems: list[Problem],
 ) -> None:
-    """Inputs that act on nothing at once: the delays that they stand behind, or why there is none."""
-    quiet = [name for name in part.inputs if not acts(part, name)]
-    idle = len(quiet) > 1 and _all_idle(one, part, quiet, values, prepared)
-    for name in quiet:
-        found = "idle" if idle else _measured(one, part, name, values, prepared)
-        if found == _UNLIKE:  # what a run has left in a delay that is not linear goes first
-            found = _measured(one, part, name, values, prepared, _SETTLE)
-        if found == _UNLIKE and _slight(one, part, name, values, prepared):
-            notes.append(
-                f"{one.name}.{name} acts on nothing at once, and later by less than {_SLIGHT:g} of what "
-                "other elements of its array do; it is left open"
-            )
-        elif found == "idle":
-            notes.append(f"{one.name}.{name} acts on nothing at the start; it is left open")
-        elif isinstance(found, str):
-            what = f"at the operating point input {name} changes no output and no state's derivative at once"
-            between = "an inactive part of the model, as an open contact, a delay or a sample lies between"
-            problems.append(Problem(one.name, f"{what}: {between}; {found}", "", MEASURE))
-        else:
-            hidden[f"{one.name}.{name}"] = found
-            delay = f"a delay of {found.delay:.9g} s within the FMU (measured)"
-            notes.append(f"{one.name}.{name} acts after {delay}")
-
-
-def _all_idle(
-    one: Instance, part: StateSpace, names: list[str], values: Mapping[str, Any], prepared: Prepared
-) -> bool:
-    """Whether nothing answers when inputs step all at once, by unlike shares so that none hide others."""
-    watched = [*part.states, *(key for key in part.outputs if key not in part.states)]
-    values = {key: values[key] for key in part.inputs}
-    heights = np.array([height_of(one, name, values) for name in names])
-    heights *= np.random.default_rng(1).uniform(0.2, 0.4, len(names))
-    try:
-        runs = differences(one, names, values, watched, prepared, [heights] * _MOST_STEPS, both=True)
-        return not any(found.any() for found in runs)
-    except OrchestratorError:
-        return False
-
-
-def _slight(
-    one: Instance, part: StateSpace, name: str, values: Mapping[str, Any], prepared: Prepared
-) -> bool:
-    """Whether an input does next to nothing beside other elements of its array, as a quaternion's scalar."""
-    array = name.partition("[")[0]
-    others = [key for key in part.inputs if key.partition("[")[0] == array and key != name]
-    values = {key: values[key] for key in part.inputs}
-
-    def size(key: str) -> float:
-        found = answer(one, key, values, part.outputs, prepared, 4 * _SETTLE, 4 * _SETTLE, settle=_SETTLE)
-        return float(np.max(abs(found), initial=0.0))
-
-    return bool(others) and size(name) < _SLIGHT * max(map(size, others))
+    """An input that acts on nothing at once: the delay that it stands behind, or why there is none."""
+    if acts(part, name):
+        return
+    found = _measured(one, part, name, values, prepared)
+    if found == "idle":
+        notes.append(f"{one.name}.{name} acts on nothing at the start; it is left open")
+    elif isinstance(found, str):
+        what = f"at the operating point input {name} changes no output and no state's derivative at once"
+        between = "an inactive part of the model, as an open contact, a delay or a sample lies between"
+        problems.append(Problem(one.name, f"{what}: {between}; {found}", "", MEASURE))
+    else:
+        hidden[f"{one.name}.{name}"] = found
+        notes.append(f"{one.name}.{name} acts after a delay of {found.delay:.9g} s within the FMU (measured)")
 
 
 def _measured(
-    one: Instance,
-    part: StateSpace,
-    name: str,
-    values: Mapping[str, Any],
-    prepared: Prepared,
-    settle: int = 0,
+    one: Instance, part: StateSpace, name: str, values: Mapping[str, Any], prepared: Prepared
 ) -> LateInput | Literal["idle"] | str:
     """The delay between an input and the states, from two runs that differ in a step of it.
 
-    Args: settle: steps before it.
     Returns: "idle" if nothing answers a small step, else why what answers is no delay before the states.
     """
     step = float(prepared.grid.step_size)
     watched = [*part.states, *(key for key in part.outputs if key not in part.states)]
     values = {key: values[key] for key in part.inputs}
     try:
-        found = answer(one, name, values, watched, prepared, _MOST_STEPS, 4 * _SAMPLES, settle=settle)
+        found = answer(one, name, values, watched, prepared, _MOST_STEPS, 4 * _SAMPLES)
     except OrchestratorError as error:
         return f"it cannot be run on its own to look for a delay: {str(error).splitlines()[0]}"
     size = np.max(abs(found), axis=0)
+    unlike = "what answers a step of it later is no pure delay"
     scale = np.where(size > 0.0, size, 1.0)
     moved = np.flatnonzero(np.max(abs(found) / scale, axis=1) > 1e-9)
     if not moved.size:
         return "idle"
-    half = answer(one, name, values, watched, prepared, len(found) - 1, len(found), 0.5, settle)
+    half = answer(one, name, values, watched, prepared, len(found) - 1, len(found), 0.5)
     count = min(len(half), len(found))
     if np.all(np.max(abs(half[:count]), axis=0) <= _BENT * np.max(abs(found[:count]), axis=0)):
         return "idle"
@@ -138,14 +89,14 @@ def _measured(
     onset = int(moved[0])
     rows = np.arange(onset, min(onset + _SAMPLES, len(found)))
     if len(rows) < 4:
-        return _UNLIKE
+        return unlike
     outputs = np.array([watched.index(key) for key in part.outputs], np.intp)
     through = np.zeros(len(part.outputs))
     if not size[:states].any():
         # Nothing but the delay lies between input and outputs: they jump when it is over.
         jump = found[rows[-1]]
         if np.max(abs(found[rows] - jump) / scale) > _LEFT:
-            return _UNLIKE
+            return unlike
         which = int(np.argmax(size))
         delay = passage(one, name, values, watched[which], prepared, step * max(onset - 1, 0))
         return LateInput(delay, np.zeros(states), jump[outputs])
@@ -172,7 +123,7 @@ def _measured(
     delay = delays[int(np.argmin(misfits))]
     misfit, gains = fitted(delay)
     if misfit > _LEFT * np.linalg.norm(wanted):
-        return _UNLIKE
+        return unlike
     if states < len(watched):
         left = found[rows][:, outputs] - found[rows, :states] @ part.c.T
         through = left[-1] if np.max(abs(left[-1]) / scale[outputs]) > 1e-6 else through

@@ -1,15 +1,13 @@
 """The linear equations of an FMU without directional derivatives, from how it answers steps of its inputs.
 
-Two runs that differ in a step of one input, one upwards and one downwards, differ by its step response: what
-depends on the step's square falls out. Their differences from sample to sample are Markov parameters, and Ho
-and Kalman's method (Kung, Asilomar Conf. 12, 1978) gives the states behind them. States that the measurement
-does not tell from integrators are integrators.
+Two runs that differ in a step of one input differ by its step response. Their differences from sample to
+sample are Markov parameters, and Ho and Kalman's method (Kung, Asilomar Conf. 12, 1978) gives the states
+behind them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,39 +21,19 @@ from ..system.system import Instance
 from .statespace import StateSpace
 from .twin_runs import step_all
 
-__all__ = [
-    "FIT",
-    "SAMPLES",
-    "answer",
-    "continuous",
-    "differences",
-    "height_of",
-    "measured_part",
-    "passage",
-    "realised",
-    "scaled",
-]
+__all__ = ["FIT", "answer", "continuous", "differences", "measured_part", "passage", "realised", "scaled"]
 
 Array = NDArray[np.float64]
 
 # Height of a step, relative to the input's value or its nominal one.
 _HEIGHT = 1e-3
-SAMPLES = 48
+_SAMPLES = 48
 # Steps before the input's; the check by half its height takes twice as many, to see what depends on time.
 _SETTLE = 16
-# Singular values below this share of the largest are no states; where the FMU depends on time, a larger one.
+# Singular values below this share of the largest are no states; the model has to fit this well.
 _RANK = 1e-7
-_RANKS = (_RANK, 1e-6, 1e-5, 1e-4, 1e-3)
-# The model has to fit this well.
 FIT = 1e-2
 _ROUNDING = 1e-13
-# Steps of an input that an FMU may refuse, as where a range ends: both ways or one, in shares of the height.
-_TRIED = ((True, 1.0), (True, 0.1), (False, 1.0), (False, 0.1))
-# Of the largest answer of an output's array to any input's step: a smaller answer is judged against this.
-_SLIGHT = 0.03
-# How much worse the response may fit with fewer states, or with integrators for states that are nearly such:
-# what depends on time differs by so much more over all samples than between the two responses.
-_ALIKE, _EXACT = SAMPLES / _SETTLE, 1e-6
 
 
 def answer(
@@ -70,9 +48,7 @@ def answer(
     settle: int = 0,
     fine: int = 1,
 ) -> Array:
-    """By how much variables of an FMU answer a step of an input, from a step upwards and one downwards.
-
-    A step that the FMU refuses is tried smaller, and upwards alone.
+    """By how much variables of two runs of one FMU differ that differ in a step of an input.
 
     Args:
         name: the input; values: of all connected inputs at the operating point, FMU's units.
@@ -83,45 +59,27 @@ def answer(
     Returns: shape (steps + 1, watched), relative to the height.
     Raises: StepError if the FMU refuses to run on its own.
     """
-    for both, smaller in _TRIED:
-        height = smaller * share * height_of(one, name, values)
-        course = (np.array([height if index >= settle else 0.0]) for index in range(settle + steps))
-        try:
-            made = _answered(
-                differences(one, [name], values, watched, prepared, course, fine, both), height, settle, moves
-            )
-            break
-        except OrchestratorError:
-            if (both, smaller) == _TRIED[-1]:
-                raise
-    made = made if len(made) else np.zeros((1, len(watched)))
-    size = np.max(abs(made), axis=0)
-    made[:, size < 1e-12 * np.max(size, initial=0.0)] = 0.0
-    return made
+    height = share * _HEIGHT * (abs(float(values[name])) or float(one.variable(name).nominal or 1.0))
 
+    def deviations() -> Iterator[Array]:
+        for index in range(settle + steps):
+            yield np.array([height if index >= settle else 0.0])
 
-def height_of(one: Instance, name: str, values: Mapping[str, Any]) -> float:
-    """The usual height of a step of an input, FMU's unit.
-
-    Elements of an array have one size: a quaternion's, or a force's that happens to lie along an axis.
-    """
-    sizes = _of_arrays(np.array([abs(float(value)) for value in values.values()]), list(values))
-    size = dict(zip(values, sizes, strict=True))[name]
-    return _HEIGHT * (max(float(size), float(one.variable(name).nominal or 0.0)) or 1.0)
-
-
-def _answered(runs: Iterable[Array], height: float, settle: int, moves: int) -> Array:
-    """The differences of runs after the first `settle` ones, relative to a height."""
     found: list[Array] = []
     moved = 0
-    for index, difference in enumerate(runs):
+    for index, one_difference in enumerate(
+        differences(one, [name], values, watched, prepared, deviations(), fine)
+    ):
         if index < settle:
             continue
-        found.append(difference / height)
+        found.append(one_difference / height)
         moved += bool(index > settle and np.max(abs(found[-1]), initial=0.0) > 0.0)
         if moved > moves:
             break
-    return np.array(found)
+    made = np.array(found or [np.zeros(len(watched))])
+    size = np.max(abs(made), axis=0)
+    made[:, size < 1e-12 * np.max(size, initial=0.0)] = 0.0
+    return made
 
 
 def differences(
@@ -132,7 +90,6 @@ def differences(
     prepared: Prepared,
     deviations: Iterable[Array],
     fine: float = 1,
-    both: bool = False,
 ) -> Iterator[Array]:
     """By how much variables of two runs of one FMU differ, at the start and after each step.
 
@@ -140,7 +97,6 @@ def differences(
         names: inputs that differ; values: of all connected inputs at the operating point, FMU's units.
         deviations: by how much they differ over each step, shape (names,).
         fine: steps in a communication step.
-        both: whether the other run differs by as much the other way; half the difference is given then.
     Yields: shape (watched,); fewer than there are deviations if the FMU ends.
     Raises: StepError if the FMU refuses to run on its own.
     """
@@ -148,7 +104,7 @@ def differences(
     still = np.array([float(values[name]) for name in names])
     inputs = [still.copy() for _ in range(2)]
     instances: list[FmuInstance] = []
-    courses, moved = list(deviations), False
+    courses = list(deviations)
     try:
         for u in inputs:
             instance = one.fmu.instantiate(f"{one.name} linearised")
@@ -165,20 +121,13 @@ def differences(
             )
             moved = changed - fixed
             # What rounding makes is no answer.
-            return np.where(abs(moved) > _ROUNDING * abs(fixed), moved, 0.0) * (0.5 if both else 1.0)
+            return np.where(abs(moved) > _ROUNDING * abs(fixed), moved, 0.0)
 
         yield difference()
         for index, more in enumerate(courses):
-            inputs[0][:] = still - more if both else still
             inputs[1][:] = still + more
-            try:
-                if not step_all(instances, Point(index, begin + index * step, step)):
-                    return
-            except OrchestratorError:
-                if not moved:
-                    raise
-                return  # it ends, as at the stop time of the run that its state is of
-            moved = moved or bool(np.any(more))
+            if not step_all(instances, Point(index, begin + index * step, step)):
+                return
             yield difference()
     finally:
         for instance in instances:
@@ -190,7 +139,7 @@ def passage(
 ) -> float:
     """When a step of an input reaches an output, known to lie within a step after `low` [s]."""
     begin, step = float(prepared.grid.start), float(prepared.grid.step_size)
-    height = height_of(one, name, values)
+    height = _HEIGHT * (abs(float(values[name])) or float(one.variable(name).nominal or 1.0))
 
     def reached(time: float) -> bool:
         ends = []
@@ -237,12 +186,12 @@ def measured_part(
     step = float(prepared.grid.step_size)
     try:
         # What initialises itself at the first step would take the input's step for its start value.
-        common = (values, outputs, prepared, SAMPLES, SAMPLES)
+        common = (values, outputs, prepared, _SAMPLES, _SAMPLES)
         steps = [answer(one, name, *common, settle=_SETTLE) for name in inputs]
         halves = [answer(one, name, *common, 0.5, 2 * _SETTLE) for name in inputs]
     except OrchestratorError as error:
         return f"it cannot be run on its own to measure its response: {str(error).splitlines()[0]}"
-    length = min((len(found) for found in (*steps, *halves)), default=SAMPLES + 1)
+    length = min((len(found) for found in (*steps, *halves)), default=_SAMPLES + 1)
     if length < 12:
         return "it ends before its response is measured"
     # Shape (samples, outputs, inputs).
@@ -259,66 +208,42 @@ def measured_part(
         shifted[: length - whole, :, column] = response[whole:, :, column]
         shifted[length - whole :, :, column] = response[-1, :, column]
     length -= max((round(delay / step) for delay in late.values()), default=0)
-    heights = np.array([height_of(one, name, values) for name in inputs])
-    largest = _of_arrays(np.max(size * heights, axis=1, initial=0.0), outputs)
-    scale = np.maximum(size, _SLIGHT * largest[:, None] / heights)
-    scale = np.where(scale > 0.0, scale, 1.0)
+    space = _realised(shifted[:length], step, inputs, outputs)
+    if isinstance(space, str):
+        return space
+    scale = np.where(size > 0.0, size, 1.0)
+    made = _steps(space, length, step)
     shifted_other = np.zeros_like(other)
     for column, name in enumerate(inputs):
         whole = round(late.get(name, 0.0) / step)
         shifted_other[: len(other) - whole, :, column] = other[whole:, :, column]
-    courses = [one[:length] for one in (shifted, shifted_other) if one.size]
-
-    def misfit(space: StateSpace) -> float:
-        made = _steps(space, length, step)
-        return max((float(np.max(abs(made - one) / scale)) for one in courses), default=0.0)
-
-    made = [_realised(shifted[:length], step, inputs, outputs, rank) for rank in _RANKS]
-    spaces = [(misfit(one), one) for one in made if isinstance(one, StateSpace)]
-    if not spaces:
-        return next(one for one in made if isinstance(one, str))
-    # The fewest states that fit nearly as well as the best.
-    worst = min(_ALIKE * min(spaces, key=lambda one: one[0])[0] + _EXACT, FIT)
-    error, space = ([one for one in spaces if one[0] <= worst] or spaces)[-1]
-    for simpler in _with_integrators(space, length * step):
-        if misfit(simpler) <= worst:
-            space, error = simpler, misfit(simpler)
-            break
+    error = max(
+        (float(np.max(abs(made - one[:length]) / scale)) for one in (shifted, shifted_other) if one.size),
+        default=0.0,
+    )
     if not error <= FIT:
         return f"its measured response differs by {100 * error:.2g} % from any linear one without samples"
     return space, late, error
 
 
-def scaled(markov: Array, outputs: Sequence[str], inputs: Sequence[str]) -> tuple[Array, Array, Array]:
+def scaled(markov: Array) -> tuple[Array, Array, Array]:
     """Markov parameters, shape (samples, outputs, inputs), in units that make all channels alike; rows' and
-    columns' units. Elements of an array keep one unit: what hardly moves is not made large.
+    columns' units.
     """
-    rows = _of_arrays(np.max(abs(markov), axis=(0, 2)), outputs)
-    columns = _of_arrays(np.max(abs(markov), axis=(0, 1)), inputs)
+    rows, columns = np.max(abs(markov), axis=(0, 2)), np.max(abs(markov), axis=(0, 1))
     rows, columns = np.where(rows > 0.0, rows, 1.0), np.where(columns > 0.0, columns, 1.0)
     return markov / rows[:, None] / columns, rows, columns
 
 
-def _of_arrays(sizes: Array, names: Sequence[str]) -> Array:
-    """The largest size in the array of each variable, shape (names,)."""
-    arrays = [name.partition("[")[0] for name in names]
-    largest: dict[str, float] = {}
-    for array, size in zip(arrays, sizes, strict=True):
-        largest[array] = max(largest.get(array, 0.0), float(size))
-    return np.array([largest[array] for array in arrays])
-
-
-def realised(markov: Array, scale: float, rank: float = _RANK) -> tuple[Array, Array, Array] | None:
+def realised(markov: Array, scale: float) -> tuple[Array, Array, Array] | None:
     """A, B and C with C A^k B the Markov parameter k; None if there are as many states as samples allow.
 
-    Args:
-        markov: shape (samples, outputs, inputs); scale: what they are small against.
-        rank: singular values below this share of the largest are no states.
+    Args: markov: shape (samples, outputs, inputs); scale: what they are small against.
     """
     half, (p, m) = len(markov) // 2, markov.shape[1:]
     hankel = np.block([[markov[i + j] for j in range(half)] for i in range(half)])
     left, values, right = np.linalg.svd(hankel)
-    order = int(np.sum(values > rank * max(values[0], scale))) if values[0] > 1e-9 * scale else 0
+    order = int(np.sum(values > _RANK * max(values[0], scale))) if values[0] > 1e-9 * scale else 0
     if order >= half - 1:
         return None
     root = np.sqrt(values[:order])
@@ -349,7 +274,7 @@ def continuous(shift: Array, reached: Array, step: float) -> tuple[Array, Array,
 
 
 def _realised(
-    response: Array, step: float, inputs: tuple[str, ...], outputs: tuple[str, ...], rank: float
+    response: Array, step: float, inputs: tuple[str, ...], outputs: tuple[str, ...]
 ) -> StateSpace | str:
     """States behind step responses, shape (samples, outputs, inputs)."""
     p, m = len(outputs), len(inputs)
@@ -357,8 +282,8 @@ def _realised(
         empty = (np.zeros((0, 0)), np.zeros((0, m)), np.zeros((p, 0)))
         return StateSpace(*empty, np.zeros((p, m)), (), inputs, outputs)
     markov = np.diff(response, axis=0)
-    numbers, rows, columns = scaled(markov, outputs, inputs)
-    found = realised(numbers[1:], np.max(abs(numbers), initial=0.0), rank)
+    numbers, rows, columns = scaled(markov)
+    found = realised(numbers[1:], np.max(abs(numbers), initial=0.0))
     if found is None:
         return "it samples, or its response is no linear one: it has no continuous states"
     shift, reached, seen = found
@@ -372,33 +297,6 @@ def _realised(
         d = np.where(abs(d) > 1e-9 * np.max(abs(response), axis=0), d, 0.0)
     names = tuple(f"measured[{index + 1}]" for index in range(len(a)))
     return StateSpace(a, b * columns, c, d, names, inputs, outputs)
-
-
-def _with_integrators(space: StateSpace, window: float) -> Iterator[StateSpace]:
-    """The same with integrators in place of slow states, the most first.
-
-    The slow states' block of the Schur form becomes nilpotent, column by column of its staircase form.
-
-    Args: window: how long the response was measured [s].
-    """
-    for slow in (1.0, 0.1, 0.01):
-        triangle, basis, count = scipy.linalg.schur(
-            space.a * window, sort=lambda real, imag, slow=slow: np.hypot(real, imag) < slow
-        )
-        low = 0
-        while low < count:
-            _, values, right = np.linalg.svd(triangle[low:count, low:count])
-            still = int(np.sum(values < slow))
-            if not still:
-                break
-            turn = np.eye(len(triangle))
-            turn[low:count, low:count] = np.roll(right.T, still, axis=1)
-            triangle, basis = turn.T @ triangle @ turn, basis @ turn
-            triangle[low:count, low : low + still] = 0.0
-            low += still
-        if count and low == count:
-            # In its own states: a rounding error would split what is a multiple root.
-            yield replace(space, a=triangle / window, b=basis.T @ space.b, c=space.c @ basis)
 
 
 def _steps(space: StateSpace, length: int, step: float) -> Array:

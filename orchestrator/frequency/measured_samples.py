@@ -166,7 +166,7 @@ def sampled_law(
 
 def _law(markov: Array, period: float, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Law | str:
     """A law from Markov parameters from sample to sample, shape (samples, outputs, inputs)."""
-    numbers, rows, columns = scaled(markov, outputs, inputs)
+    numbers, rows, columns = scaled(markov)
     scale = float(np.max(abs(numbers), initial=0.0))
     found = realised(numbers[1:], scale)
     if found is None:

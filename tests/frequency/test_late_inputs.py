@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 import orchestrator as orc
+from orchestrator.base.errors import ConfigError
 
 BENT = """
 model Bent "Answers the square of its input"
@@ -26,3 +27,14 @@ def test_an_input_of_second_order_is_left_open(tmp_path):
     linear = orc.linearise(system.data)
     assert [mode.root for mode in linear.modes().modes] == pytest.approx([-1.0, -1.0])
     assert "one.u acts on nothing at the start; it is left open" in linear.notes
+
+
+def test_an_open_contact_is_not_taken_for_a_fault_of_the_model():
+    with pytest.raises(ConfigError) as caught:
+        orc.linearise("docking-6d")
+    why = (
+        "contact: at the operating point input orientation[1] changes no output and no state's derivative "
+        "at once: an inactive part of the model, as an open contact, a delay or a sample lies between; it "
+        "cannot be run on its own to look for a delay"
+    )
+    assert why in str(caught.value)

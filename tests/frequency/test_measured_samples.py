@@ -99,7 +99,7 @@ def test_a_law_that_differs_by_sign_is_not_linear(models):
     config["instances"]["p"]["start"] = {"x": 0.0}
     linear = linearise(config)
     (one,) = unlike_parts(prepare(config), linear, linear.modes())
-    assert (one.instance, one.output, one.drifts) == ("c", "u", False) and one.difference > 0.2
+    assert (one.instance, one.output, one.drifts) == ("c", "u", False) and one.difference > 0.3
 
 
 def test_a_point_that_moves_on_is_named_and_the_steady_state_is_not(capsys):
