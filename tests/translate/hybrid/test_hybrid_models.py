@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import os
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -18,6 +20,7 @@ pytest.importorskip("rumoca", reason="needs the extra build")
 import orchestrator as orc
 from orchestrator.base.errors import BuildError, StepError
 from orchestrator.cli.main import main
+from orchestrator.translate import compiler
 from orchestrator.translate.build import build
 from orchestrator.translate.compiler import compile_model
 from orchestrator.translate.flatten import flatten
@@ -480,6 +483,23 @@ def test_a_compiler_that_does_not_end_is_an_error_and_the_next_model_builds(tmp_
         with pytest.raises(BuildError, match=late):
             flatten(tree, "M")
     assert "h" in flatten(tree, "M")[0]["variables"]
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no processor times of others here")
+@pytest.mark.parametrize(("does", "limits"), [("pass", 1.0), ("__import__('time').sleep(1)", 4.0)])
+def test_the_compiler_may_wait_for_others_but_not_work_for_ever(tmp_path, monkeypatch, does, limits):
+    """Only its own processor time counts, up to five times the limit by the clock."""
+    source = tmp_path / "M.mo"
+    source.write_text(BALL)
+    busy = f"import sys\nfor line in sys.stdin:\n    while True: {does}"
+    with subprocess.Popen(
+        [sys.executable, "-c", busy], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        monkeypatch.setattr(compiler, "_running", [(os.getpid(), process)])
+        begin = time.monotonic()
+        with pytest.raises(BuildError, match=r"did not end within 0\.3 s"):
+            compile_model(load_sources(source), "M", tmp_path, ["dae"], limit=0.3)
+    assert time.monotonic() - begin >= 0.3 * limits
 
 
 def test_copies_of_libraries_that_no_build_has_read_lately_are_removed(tmp_path, monkeypatch):
