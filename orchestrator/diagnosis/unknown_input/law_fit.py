@@ -26,6 +26,8 @@ _SAMPLES = 400
 _BLIND = 12
 # Intensities of the unknown input beside a law, in turn.
 _WEAKER = (1.0, 1e-2, 1e-4)
+# What joins parts of a machine rather than flows between them, by `_dimension`; see `Law.unlogged`.
+_JOINS = ("speed", "travel", "angle", "potential", "pressure")
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,7 @@ class Candidate:
     Attributes:
         share: of w's power on the stretches that the regression did not see, which the law explains.
         numbers: where its fit begins. second: the second signal that the law reads, or "".
+        odds: how likely the law is there before the logs are seen.
     """
 
     law: Law
@@ -44,6 +47,7 @@ class Candidate:
     numbers: tuple[float, ...]
     share: float
     second: str = ""
+    odds: float = 1.0
 
     @property
     def name(self) -> str:
@@ -117,6 +121,8 @@ def readable(model: StateModel, place: Place, late: bool = False) -> list[Candid
     signals = model.signals_of(place)
     if own is not None:
         signals = {**signals, place.name: own}
+    logged = place.name in {str(port) for port in (*model.fed, *model.compared)}
+    joins = what in _JOINS and not logged
     found = []
     for law in library():
         if law.late is not late or (law.kinds and int(place.kind) not in law.kinds):
@@ -127,18 +133,20 @@ def readable(model: StateModel, place: Place, late: bool = False) -> list[Candid
             if not law.fits(_unit(model, index), index == own, what):
                 continue
             if not law.second:
-                found.append(_candidate(law, place, name, (index,)))
+                found.append(_candidate(law, place, name, (index,), joins))
             found += [
-                _candidate(law, place, name, (index, other), second)
+                _candidate(law, place, name, (index, other), joins, second)
                 for second, other in signals.items()
                 if law.second and other != index and law.fits_second(_unit(model, other))
             ]
     return found
 
 
-def _candidate(law: Law, place: Place, name: str, read: tuple[int, ...], second: str = "") -> Candidate:
+def _candidate(
+    law: Law, place: Place, name: str, read: tuple[int, ...], joins: bool, second: str = ""
+) -> Candidate:
     put = Inserted(place, law.address, read, len(law.numbers), law.states, law.settled, law.delay)
-    return Candidate(law, place, name, put, (), 0.0, second)
+    return Candidate(law, place, name, put, (), 0.0, second, law.odds * (law.unlogged if joins else 1.0))
 
 
 def _own(model: StateModel, place: Place) -> int | None:

@@ -162,7 +162,7 @@ def scored(
 
 
 def _likeliest(group: Sequence[tuple[Candidate, Array]], logged: set[str]) -> tuple[Candidate, Array]:
-    """Of laws that act the same the one that does so at most components, where its place names it best.
+    """Of laws that act the same the likeliest, where its place names it best.
 
     Laws of actuators and sensors act on commands and measured signals, which are logged, rather than between
     components. An input comes before an output, both before a derivative.
@@ -170,19 +170,23 @@ def _likeliest(group: Sequence[tuple[Candidate, Array]], logged: set[str]) -> tu
     odds = odds_of([one for one, _ in group])
     name = max(odds, key=lambda one: odds[one])
     alike = [each for each in group if each[0].law.name == name]
-    first = alike[0][0]
+    first = max(alike, key=lambda each: each[0].odds)[0]
     if first.law.kinds and first.law.reads == "own":
         first = next((one for one, _ in alike if one.place.name in logged), first)
     order = (Kinds.INPUT, Kinds.OUTPUT, Kinds.RATE)
     near = [each for each in alike if each[0].place.component == first.place.component]
-    return min(near, key=lambda each: order.index(each[0].place.kind))
+    return min(near, key=lambda each: (-each[0].odds, order.index(each[0].place.kind)))
 
 
 def odds_of(alike: Sequence[Candidate]) -> dict[str, float]:
     """How likely laws that act the same are, by name; each counts once at a component."""
-    odds = {one.law.name: 0.0 for one in alike}
-    for (name, _), law in {(one.law.name, one.place.component): one.law for one in alike}.items():
-        odds[name] += law.odds
+    best: dict[tuple[str, int], float] = {}
+    for one in alike:
+        here = one.law.name, one.place.component
+        best[here] = max(best.get(here, 0.0), one.odds)
+    odds = {name: 0.0 for name, _ in best}
+    for (name, _), most in best.items():
+        odds[name] += most
     return odds
 
 

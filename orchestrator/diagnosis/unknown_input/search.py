@@ -318,7 +318,7 @@ class Search:
         weighed = [
             (one, two, -effective * np.log(max(two.remains, 1e-6)) - 0.5 * min(two.strain, 1e6)
              - 0.5 * len(two.constants) * np.log(max(effective, 2.0))
-             + sum(np.log(law.law.odds) for law in one.laws))
+             + sum(np.log(law.odds) for law in one.laws))
             for one, two in best if np.isfinite(two.remains)
         ]  # fmt: skip
         return sorted(weighed, key=lambda each: each[2], reverse=True)

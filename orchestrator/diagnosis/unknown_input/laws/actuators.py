@@ -113,6 +113,7 @@ LAWS = [
         settled=(0,),
         modelica="y = z1 - u; der(z1) = (u - z1)/time_constant;",
         sentence="A first-order lag, as of a sensor, an amplifier or a dead volume.",
+        unlogged=0.1,
     ),
     Law(
         "delay",
@@ -127,6 +128,7 @@ LAWS = [
         modelica="y = delay(u, time_) - u;",
         delay=True,
         sentence="A transport or computing delay.",
+        unlogged=0.1,
     ),
     Law(
         "resonance",
@@ -143,6 +145,7 @@ LAWS = [
             "y = z1 - u; der(z1) = z2; der(z2) = frequency^2*(u - z1) - 2*damping_ratio*frequency*z2;"
         ),
         sentence="A drive or filter of second order that swings.",
+        unlogged=0.1,
         late=True,
     ),
     Law(

@@ -43,6 +43,7 @@ LAWS = [
         "own",
         modelica="y = value_;",
         sentence="A zero that is off.",
+        unlogged=0.1,
         odds=0.3,
     ),
     Law(
@@ -54,6 +55,7 @@ LAWS = [
         kinds=(1, 3),
         modelica="y = change*u;",
         sentence="A gain that is off.",
+        unlogged=0.1,
         odds=0.1,
     ),
     Law(
@@ -65,6 +67,7 @@ LAWS = [
         kinds=(1, 3),
         modelica="y = change_per_time*time*u;",
         sentence="A gain that changes with time, as with temperature or wear.",
+        unlogged=0.1,
     ),
     Law(
         "drift",
@@ -74,6 +77,7 @@ LAWS = [
         "own",
         modelica="y = change_per_time*time;",
         sentence="A zero that moves with time.",
+        unlogged=0.1,
         odds=0.3,
     ),
     Law(
@@ -84,6 +88,7 @@ LAWS = [
         "own",
         modelica="y = step*min(max((time - time_)/interval + 0.5, 0), 1);",
         sentence="A zero that jumps: something touches, slips or is switched on.",
+        unlogged=0.1,
         odds=0.3,
         late=True,
     ),
@@ -96,6 +101,7 @@ LAWS = [
         kinds=(1, 3),
         modelica="y = change*u*min(max((time - time_)/interval + 0.5, 0), 1);",
         sentence="A gain that changes at once: a part breaks or a range is switched.",
+        unlogged=0.1,
         odds=0.3,
         late=True,
     ),
@@ -109,6 +115,7 @@ LAWS = [
         second="temperature",
         modelica="y = change*u*(v - reference);",
         sentence="A gain that changes with a temperature.",
+        unlogged=0.1,
         late=True,
     ),
 ]

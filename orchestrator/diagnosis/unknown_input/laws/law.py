@@ -105,6 +105,8 @@ class Law:
             Without them an answer is not written as a model.
         odds: how likely the law is before the logs are seen, against others. A number that may be wrong is
             listed in the study, so that a gain or an offset elsewhere is less likely.
+        unlogged: factor of the odds at a motion or a temperature that is not logged. Such signals join parts
+            of a machine, which keep no offset against each other; what is logged has passed a sensor.
         late: whether it is tried only where the other laws leave more than the noise. It then has to halve
             what they leave.
         covers: range of the signal that shows the law: a ripple of which less is seen looks like others.
@@ -124,6 +126,7 @@ class Law:
     at: str = ""
     modelica: str = ""
     odds: float = 1.0
+    unlogged: float = 1.0
     second: str = ""
     settled: tuple[int, ...] = ()
     late: bool = False
