@@ -88,7 +88,7 @@ def test_a_description_that_expands_too_far_is_refused_before_it_is_read(filler,
         f"X.fmu: refused, the {entry.compress_size} bytes of modelDescription.xml unpack to "
         f"{entry.file_size}; at most 100 times as many, or 4194304 bytes, and 536870912 bytes, are accepted"
     )
-    assert process_time() - begin < 1.0
+    assert process_time() - begin < 10.0
 
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
