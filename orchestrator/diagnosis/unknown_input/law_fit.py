@@ -143,7 +143,7 @@ def readable(model: StateModel, place: Place, late: bool = False) -> list[Candid
 
 
 def _candidate(
-    law: Law, place: Place, name: str, read: tuple[int, ...], joins: bool, second: str = ""
+    law: Law, place: Place, name: str, read: tuple[int, ...], joins: bool = False, second: str = ""
 ) -> Candidate:
     put = Inserted(place, law.address, read, len(law.numbers), law.states, law.settled, law.delay)
     return Candidate(law, place, name, put, (), 0.0, second, law.odds * (law.unlogged if joins else 1.0))
