@@ -63,7 +63,7 @@ def refuse_repeated_redeclarations(tree: SourceTree, model: str) -> None:
     if model not in tree.classes:
         return
     extended: dict[str, list[tuple[str, dict[str, Token]]]] = {}
-    own: dict[str, list[tuple[ModelicaClass, str, dict[str, Token]]]] = {}
+    own: list[tuple[ModelicaClass, str, dict[str, Token]]] = []
     for item in used_classes(tree.classes, model):
         for statement in _parts(item.tokens, ";"):
             short = len(statement) == len(item.tokens)
@@ -71,9 +71,9 @@ def refuse_repeated_redeclarations(tree: SourceTree, model: str) -> None:
                 name, at = _path(statement, int(not short))
                 found = dict(_redeclared(statement[at:]))
                 extended.setdefault(item.name.rpartition(".")[2], []).append((name, found))
-                own.setdefault(item.name, []).append((item, name, found))
+                own.append((item, name, found))
     wrong = []
-    for item, name, found in (one for several in own.values() for one in several):
+    for item, name, found in own:
         inner, bases = dict[str, str](), [name]
         for base in bases:
             for further, redeclared in extended.get(base, ()):

@@ -37,16 +37,16 @@ def types_of_members(refusal: str) -> Iterator[str]:
                 yield f"{_MARK}{_TYPES[other]} {path.rpartition('.')[2]}"
 
 
-def with_members(texts: Mapping[str, str], told: frozenset[str] = frozenset()) -> dict[str, str]:
+def with_members(texts: Mapping[str, str], found: frozenset[str] = frozenset()) -> dict[str, str]:
     """The files whose expandable connectors get members, with these.
 
     Args:
         texts: path -> content of all files of a model.
-        told: what `types_of_members` has found; members are Reals otherwise.
+        found: by `types_of_members`; members are Reals otherwise.
     """
     if not _any(texts):
         return {}
-    types = dict(one.removeprefix(_MARK).split()[::-1] for one in told if one.startswith(_MARK))
+    types = dict(one.removeprefix(_MARK).split()[::-1] for one in found if one.startswith(_MARK))
     changed: dict[str, str] = {}
     for bus, members in _Buses(find_classes(texts), texts).missing():
         text = changed.get(bus.file, texts[bus.file])
@@ -73,8 +73,8 @@ def refuse_unknown_members(tree: SourceTree, variables: Sequence[str]) -> None:
         end = f".{'.'.join(other[-2:])}"
         if any(f"{end}." in one for one in names) and not any(one.endswith(end) for one in names):
             wrong.append(
-                f"{tree.at(item.file, token)}: of a bus member `{path[-1]}` only this connection "
-                f"tells, and `{'.'.join(other)}` is no signal; declare `{path[-1]}` in the connector"
+                f"{tree.at(item.file, token)}: only this connection declares the bus member `{path[-1]}`, "
+                f"and `{'.'.join(other)}` is no signal; declare `{path[-1]}` in the connector"
             )
     if wrong:
         raise BuildError("\n".join(wrong))
@@ -157,7 +157,7 @@ class _Buses:
         return self._names[kind] if kind in self._group else kind * (kind in _TYPES.values())
 
     def _is_signal(self, kind: str) -> bool:
-        """Whether a connector has no parts, as far as the files tell."""
+        """Whether a connector has no parts, as far as the files show."""
         return not (self._components.get(kind) or self._bases.get(kind))
 
     def _of(self, bus: str) -> str:

@@ -11,12 +11,12 @@ from ..lexer import Token, closing
 __all__ = ["DOTTED", "arguments", "in_brackets"]
 
 DOTTED = re.compile(r"[(,]\s*(?:(?:each|final)\s+)*\w+(?:\s*\.\s*\w+)+\s*=(?!=)")
-"""What stands in every file with such a modifier, unless comments part it."""
+"""What stands in every file with such a modifier, unless comments separate it."""
 
 
 @dataclass(frozen=True)
 class _Modifier:
-    """`prefix path(inner) value`, as `each a.b(c = 1) = 2`; without a path, `value` is the whole text."""
+    """`prefix path(inner) value`, as `each a.b(c = 1) = 2`; without a path, `value` is all of the text."""
 
     prefix: str
     path: tuple[str, ...]

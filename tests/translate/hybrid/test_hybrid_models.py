@@ -437,13 +437,13 @@ end M;
 
 
 @pytest.mark.parametrize(
-    "lag, told",
+    "lag, message",
     [
         ("0.1 + abs(s), 2.0", "delay() with a delay time that changes"),  # by the translation
         ("true", "delay() "),  # by the compiler
     ],
 )
-def test_an_error_within_a_library_names_the_users_file(tmp_path, lag, told):
+def test_an_error_within_a_library_names_the_users_file(tmp_path, lag, message):
     library = tmp_path / "libraries" / "Springs"
     library.mkdir(parents=True)
     (library / "package.mo").write_text("package Springs\nend Springs;\n")
@@ -459,7 +459,7 @@ end Late;
     with pytest.raises(BuildError) as refusal:
         build(source, tmp_path / "M.fmu", platforms=(this_platform(),), libraries=[library.parent])
     assert str(refusal.value).startswith(f"{library / 'Late.mo'}:5:")
-    assert told in str(refusal.value)
+    assert message in str(refusal.value)
 
 
 def test_units_of_an_old_standard_library_get_their_new_names(tmp_path):
