@@ -28,6 +28,7 @@ from .package import (
     write_fmu,
 )
 from .sources import DELAY, Location, SourceTree, library_texts, load_sources
+from .specialised import specialised
 
 if TYPE_CHECKING:
     from .program import Program
@@ -228,6 +229,8 @@ def explicit_program(tree: SourceTree, name: str) -> tuple[Program, CheckReport]
     for file, text in tree.texts.items():
         if has_dotted_modifiers(text, tree.shown(file)):
             raise BuildError(f"{tree.shown(file)}: modifiers with dotted names are not supported")
+    if specialised(tree).texts != tree.texts:
+        raise BuildError(f"{tree.shown(tree.main)}: redeclarations are not supported")
     try:
         flat = read_model(tree, name)
 

@@ -243,8 +243,8 @@ _RULES: tuple[Rule, ...] = (
         r"expression shape mismatch",
         lambda s, m: (
             s.start(),
-            "the two sides are of unlike types, as a Real for an Integer or a Boolean; convert one, as by "
-            "integer(x), x > 0 or if b then 1 else 0",
+            "the two sides are of unlike types, as a Real for an Integer or a Boolean, or a modifier has not "
+            "the sizes of its element; convert one, as by integer(x), x > 0 or if b then 1 else 0",
         ),
     ),
     (

@@ -15,7 +15,6 @@ from .compiler import compile_model
 from .complaints import CompilerRefusal, explained
 from .expressions import Json
 from .lexer import Token, tokenise
-from .redeclared import refuse_mixed_packages, refuse_repeated_redeclarations
 from .sizes import refuse_large_sizes
 from .sources import DELAY, SourceTree
 
@@ -54,8 +53,6 @@ def flatten(tree: SourceTree, model: str) -> tuple[Json, dict[int, str]]:
             f"{RUMOCA_VERSION} only; run `pip install rumoca=={RUMOCA_VERSION}`"
         )
     refuse_large_sizes(tree, model)
-    refuse_mixed_packages(tree, model)
-    refuse_repeated_redeclarations(tree, model)
     with tree.marked_copy() as folder:
         answer = compile_model(tree, model, folder, ("flat", "dae"), restored=tree.restored)
         if answer.refusal:

@@ -1,7 +1,6 @@
-"""Packages that components replace differently: where one keeps the default, the compiler mixes them up.
+"""Redeclarations that the compiler would take for others, silently, and that `specialised` leaves.
 
-With `Pipe a(redeclare package Medium = Oil); Pipe c;` rumoca 0.10.2 computes c with Oil as well, silently.
-What is judged is the text of the model's own classes; types of libraries count by their names.
+They concern elements of classes of libraries; what is judged is the text of the model's own classes.
 """
 
 from __future__ import annotations
@@ -14,43 +13,12 @@ from .classes import ModelicaClass, used_classes
 from .lexer import CLOSING, OPENING, Token
 from .sources import SourceTree
 
-__all__ = ["refuse_mixed_packages", "refuse_repeated_redeclarations"]
+__all__ = ["refuse_repeated_redeclarations"]
 
 _PREFIXES = frozenset(
     "public protected final inner outer replaceable redeclare parameter constant flow stream input output "
     "discrete each".split()
 )
-
-
-def refuse_mixed_packages(tree: SourceTree, model: str) -> None:
-    """Refuse a package that one component replaces while another keeps its default. Raises: BuildError."""
-    classes = tree.classes
-    if model not in classes:
-        return
-    used = used_classes(classes, model)
-    uses = [one for item in used for one in _uses(item)]
-    # Name of a package -> what replaces it; in passing on, as in `redeclare package P = P`, the default does.
-    targets: dict[str, set[str]] = {}
-    for _, _, own in uses:
-        for package, (owner, target) in own.items():
-            targets.setdefault(package, set()).add(_passed(tree, owner, package, target))
-    for item in used:
-        for package in _elements(tree, item):
-            targets.setdefault(package, set()).add(_default(tree, f"{item.name}.{package}"))
-    for package, found in targets.items():
-        defaults = _defaults(tree, used, package)
-        for token, kind, own in uses:
-            default = defaults.get(kind, "")
-            kept = package not in own or _passed(tree, own[package][0], package, own[package][1]) == default
-            others = found - {default, ""}
-            if default and kept and others:
-                file = next(one.file for one in used if token in one.tokens)
-                raise BuildError(
-                    f"{tree.at(file, token)}: {kind} takes the package {package} = {default} here and "
-                    f"{sorted(others)[0]} elsewhere in the model; the compiler would take one for both. Give "
-                    f"this one a package of its own: `package Own extends {default}; end Own;` and "
-                    f"`redeclare package {package} = Own`"
-                )
 
 
 def refuse_repeated_redeclarations(tree: SourceTree, model: str) -> None:
@@ -130,27 +98,6 @@ def _parts(tokens: Sequence[Token], mark: str) -> Iterator[list[Token]]:
     yield held
 
 
-def _uses(item: ModelicaClass) -> Iterator[tuple[Token, str, dict[str, tuple[str, str]]]]:
-    """Types of components and what they replace: package -> class that says so, and target."""
-    for statement in _parts(item.tokens, ";"):
-        rest = list(statement)
-        while rest and rest[0].text in _PREFIXES:
-            rest.pop(0)
-        path, at = _path(rest, int(bool(rest) and rest[0].text == "extends"))
-        # As by `model B = A(...)`, too.
-        extends = "extends" in [one.text for one in rest[:1]] or "(" in [
-            one.text for one in rest[at : at + 1]
-        ]
-        if not path or not (extends or (at < len(rest) and rest[at].kind == "name")):
-            continue
-        parts = [rest[at:]] if extends else list(_parts(rest[at:], ","))
-        for part in parts:
-            own = {name: (item.name, target) for name, target in _replaced(part)}
-            # A base class that is not modified is no component; one that is replaces for all.
-            if not extends or own:
-                yield (rest[0], "" if extends else path, own)
-
-
 def _path(tokens: Sequence[Token], at: int) -> tuple[str, int]:
     """Last name of a path, and the place behind it."""
     name = ""
@@ -161,55 +108,3 @@ def _path(tokens: Sequence[Token], at: int) -> tuple[str, int]:
         else:
             break
     return name, at
-
-
-def _replaced(tokens: Sequence[Token]) -> Iterator[tuple[str, str]]:
-    """Packages that a modification replaces, and their targets."""
-    for at, token in enumerate(tokens):
-        if token.text == "package" and at + 2 < len(tokens) and tokens[at + 2].text == "=":
-            yield tokens[at + 1].text, _path(tokens, at + 3)[0]
-
-
-def _elements(tree: SourceTree, item: ModelicaClass) -> Iterator[str]:
-    """Packages that a class defines by `=` beside a `redeclare` of its own: `redeclare package P = Q;`."""
-    if any(one.text == "redeclare" for one in item.tokens):
-        begin = f"{item.name}."
-        inner = (name.removeprefix(begin) for name in tree.classes if name.startswith(begin))
-        yield from (name for name in inner if "." not in name and _default(tree, begin + name))
-
-
-def _passed(tree: SourceTree, owner: str, package: str, target: str) -> str:
-    return _default(tree, f"{owner}.{package}") or target if target == package else target
-
-
-def _default(tree: SourceTree, name: str) -> str:
-    """What a package that is defined by `=` stands for; empty for others."""
-    found = tree.classes.get(name)
-    return _path(found.tokens, 0)[0] if found is not None else ""
-
-
-def _defaults(tree: SourceTree, used: Sequence[ModelicaClass], package: str) -> dict[str, str]:
-    """Classes, by their last names, with the default of a package of theirs or of their base classes."""
-    own = {one.name.rpartition(".")[2]: _default(tree, f"{one.name}.{package}") for one in used}
-    found = {name: default for name, default in own.items() if default}
-    for _ in used:
-        more = {
-            one.name.rpartition(".")[2]: found[base]
-            for one in used
-            for base in _bases(one, package)
-            if base in found and one.name.rpartition(".")[2] not in found
-        }
-        if not more:
-            break
-        found |= more
-    return found
-
-
-def _bases(item: ModelicaClass, package: str) -> Iterator[str]:
-    """Base classes whose package a class keeps."""
-    for statement in _parts(item.tokens, ";"):
-        short = len(statement) == len(item.tokens)
-        if statement and (short or statement[0].text == "extends"):
-            name, at = _path(statement, int(not short))
-            if package not in dict(_replaced(statement[at:])):
-                yield name

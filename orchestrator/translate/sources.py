@@ -56,6 +56,14 @@ def location(file: str, text: str, start: int) -> Location:
     return Location(file, line, start - begins[line - 1] + 1)
 
 
+def line_mark(line: int) -> str:
+    """A comment in a text for the compiler: what follows stands in this line of the user's file."""
+    return f"/*line {line}*/"
+
+
+_LINE_MARK = re.compile(re.escape(line_mark(0)).replace("0", r"(\d+)"))
+
+
 @lru_cache(maxsize=64)
 def _line_begins(text: str) -> list[int]:
     """Offset of the first character of each line."""
@@ -285,8 +293,10 @@ class Spans:
             seen = location(path, text, len(text.encode()[: span["start"]].decode(errors="ignore")))
             lines = self.tree.texts[path].split("\n")
             if seen.line <= len(lines):
-                column = _same_word(lines[seen.line - 1], text.split("\n")[seen.line - 1], seen.column)
-                return Location(self.tree.shown(path), seen.line, column)
+                whole = text.split("\n")[seen.line - 1]
+                marks = _LINE_MARK.findall(whole[: seen.column])
+                line = int(marks[-1]) if marks else seen.line
+                return Location(self.tree.shown(path), line, _same_word(lines[line - 1], whole, seen.column))
         if self.tree is not None and path in self.tree.texts:
             return self.tree.place(path, self.tree.restore_offset(path, start) if self.renamed else start)
         return location(path, text, len(text.encode()[:start].decode(errors="ignore")))

@@ -84,8 +84,9 @@ def tried(path: Path, libraries: list[Path], references: Path | None) -> None:
     from orchestrator.translate.hybrid.front_end import dae_form, needed_rewrites, prepared
     from orchestrator.translate.package import this_platform, write_fmu
     from orchestrator.translate.sources import load_sources
+    from orchestrator.translate.specialised import specialised
 
-    tree = load_sources(path)
+    tree = specialised(load_sources(path), "", libraries)
     with ExitStack() as stack:
         scratch = stack.enter_context(tempfile.TemporaryDirectory())
 

@@ -14,7 +14,7 @@ from orchestrator.base.digests import digest_of
 
 from ..classes import within_clause
 from ..lexer import Token, closing, tokenise
-from .modifiers import DOTTED, arguments, in_brackets
+from ..modifiers import DOTTED, arguments, in_brackets
 
 Sections = dict[str, "Section"]
 Objects = Mapping[str, Sequence[tuple[str, str, str]]]

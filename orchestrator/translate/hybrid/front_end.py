@@ -20,8 +20,9 @@ from ..compiler import TIME_LIMIT, compile_model
 from ..complaints import CompilerRefusal, explained
 from ..flatten import called_partial, flatten, message_of, syntax_faults
 from ..lexer import tokenise
-from ..redeclared import refuse_mixed_packages, refuse_repeated_redeclarations
+from ..redeclared import refuse_repeated_redeclarations
 from ..sources import SourceTree, Spans, library_texts
+from ..specialised import specialised
 from . import adapted as rules
 from .adapted import ANY, ANY_MODEL, Objects, Section, Sections, adapted, class_texts, external_objects
 from .buses import refuse_unknown_members, types_of_members, with_members
@@ -127,15 +128,16 @@ def _forms(
     known = _answers.get(key)
     if known and set(stages) <= known[0].keys():
         return known
-    refuse_mixed_packages(tree, model)
-    refuse_repeated_redeclarations(tree, model)
+    special = specialised(tree, model, libraries)
+    refuse_repeated_redeclarations(special, model)
     # Names of a library cannot be changed, so those of the model stay as well.
-    with tree.marked_copy(renamed=not libraries) as folder:
-        restored = tree.restored if not libraries else str
+    with special.marked_copy(renamed=not libraries) as folder:
+        restored = special.restored if not libraries else str
         sections: Sections = {}
         roots, changed = prepared(tree, folder, libraries, rewritten, sections)
         # Without the sections, equations are missing: the translation counts them itself.
-        inserted = called_partial(tree, model, folder) if partial or sections else ("", 0, 0)
+        changed |= {path for path, text in special.texts.items() if text != tree.texts[path]}
+        inserted = called_partial(special, model, folder) if partial or sections else ("", 0, 0)
         answer = compile_model(tree, model, folder, stages, roots, restored=restored, limit=time_limit)
         if answer.refusal:
             more = rewritten | needed_rewrites(answer.refusal)
@@ -241,7 +243,7 @@ def prepared(
 
 def adapts(tree: SourceTree) -> bool:
     """Whether the compiler does not see a model's sources as they are."""
-    if with_members(tree.texts):
+    if with_members(tree.texts) or specialised(tree).texts != tree.texts:
         return True
     objects = external_objects(tree.texts.values())
     common, models = _of_all(tree)
@@ -303,7 +305,7 @@ class FunctionTexts:
     """The text of functions by their qualified names, in a model's sources and in libraries."""
 
     def __init__(self, tree: SourceTree, libraries: Sequence[Path]) -> None:
-        self._tree = tree
+        self._tree = specialised(tree)
         self._libraries = libraries
         self._found: dict[str, dict[str, str]] = {}
 

@@ -843,8 +843,8 @@ end M;
     new = adapted(text, "M.mo")
     assert [line for line in new.splitlines() if line] == [
         "model M",
-        '  Part a(b (c = 1, d (e = { f ( g . h ) , 2 })), redeclare Other o (p (q = 3))) "(r.s = 4)";',
-        "  Part t(u (each final v = 1, w = 2), k = 1.5)",
+        '  Part a(b(c = 1, d(e = { f ( g . h ) , 2 })), redeclare Other o (p(q = 3))) "(r.s = 4)";',
+        "  Part t(u(each final v = 1, w = 2), k = 1.5)",
         ";",
         *[line for line in text.splitlines() if line][4:],
     ]

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import fmpy
@@ -30,12 +31,25 @@ from orchestrator.translate.package import this_platform
 from orchestrator.translate.sources import load_sources
 
 
-def made(tmp_path: Path, text: str, fmi_version: str = "2.0", model: str | None = None) -> Path:
+def made(
+    tmp_path: Path,
+    text: str,
+    fmi_version: str = "2.0",
+    model: str | None = None,
+    libraries: Sequence[Path] = (),
+) -> Path:
     """The FMU of a model's text, whose model is called M unless named."""
     source = tmp_path / "M.mo"
     source.write_text(text)
     output = tmp_path / "M.fmu"
-    build(source, output, model=model, platforms=(this_platform(),), fmi_version=fmi_version)
+    build(
+        source,
+        output,
+        model=model,
+        platforms=(this_platform(),),
+        fmi_version=fmi_version,
+        libraries=libraries,
+    )
     return output
 
 

@@ -14,6 +14,22 @@ from tests.translate.hybrid.test_adapted_models import TABLES
 from tests.translate.hybrid.test_hybrid_models import made
 
 # First column of the table -> model and message, which begins with its place.
+PARTS = """package Parts
+  model One
+    Real y = 1;
+  end One;
+  model Two
+    Real y = 2;
+  end Two;
+  model General
+    replaceable One part;
+    Real x(start=0, fixed=true);
+  equation
+    der(x) = part.y;
+  end General;
+end Parts;
+"""
+
 REFUSED = {
     "members of expandable connectors that only connections declare, and that are arrays or physical": (
         """package M
@@ -45,51 +61,30 @@ end M;
 """,
         r"23:\d+: of `source.y` and `bus.speed` one is a member of an expandable .* declare arrays",
     ),
-    "a component that `extends` redeclares of a class whose own `extends` redeclares it": (
+    "a component that `extends` redeclares of a library's class whose own `extends` redeclares it": (
         """package M
-  model One
-    Real y = 1;
-  end One;
-  model Two
-    Real y = 2;
-  end Two;
-  model General
-    replaceable One part;
-    Real x(start=0, fixed=true);
-  equation
-    der(x) = part.y;
-  end General;
   model Special "described"
-    extends General(redeclare replaceable Two part);
+    extends Parts.General(redeclare replaceable Parts.Two part);
   end Special;
   model M "described"
     extends Special(
-      redeclare One part);
+      redeclare Parts.One part);
   end M;
 end M;
 """,
-        r"19:21: `part` is redeclared here and where Special extends its base, .* extend that base instead",
+        r"7:\d+: `part` is redeclared here and where Special extends its base, .* extend that base instead",
     ),
-    "a component that `extends` redeclares of a class which inherits it": (
+    "a component that `extends` redeclares of a class which inherits it from a library": (
         """package M
-  model One
-    Real y = 1;
-  end One;
-  model Two
-    Real y = 2;
-  end Two;
-  model General
-    replaceable One part;
-  end General;
   model Special
-    extends General;
+    extends Parts.General;
   end Special;
   model M
-    extends Special(redeclare Two part);
+    extends Special(redeclare Parts.Two part);
   end M;
 end M;
 """,
-        r"15:35: `part` is redeclared here, but Special inherits it, .* extend the class that declares",
+        r"6:\d+: `part` is redeclared here, but Special inherits it, .* extend the class that declares",
     ),
     "`spatialDistribution()`": (
         """model M
@@ -235,28 +230,6 @@ end M;
 """,
         r"87:12: smooth interpolation of a CombiTable2D is not supported; choose",
     ),
-    "a package that one component replaces (`redeclare package`) while another keeps its default": (
-        """package M
-  package A
-    constant Real k = 1;
-  end A;
-  package B
-    extends A(k=2);
-  end B;
-  model Part
-    replaceable package Medium = A;
-    Real x(start=1, fixed=true);
-  equation
-    der(x) = -Medium.k*x;
-  end Part;
-  model M
-    Part one(redeclare package Medium = B);
-    Part other;
-  end M;
-end M;
-""",
-        r"package Own extends",
-    ),
     "`reinit` of arrays": (
         """model M
   Real x[2](each start=1, each fixed=true);
@@ -275,8 +248,11 @@ end M;
 @pytest.mark.parametrize("construct", REFUSED)
 def test_a_refusal_names_construct_line_and_remedy(tmp_path, construct):
     text, told = REFUSED[construct]
+    library = tmp_path / "library" / "Parts"
+    library.mkdir(parents=True)
+    (library / "package.mo").write_text(PARTS)
     with pytest.raises(BuildError) as caught:
-        made(tmp_path, text, model="M.M" if text.startswith("package") else None)
+        made(tmp_path, text, model="M.M" if text.startswith("package") else None, libraries=[library.parent])
     assert re.search(told, str(caught.value)), str(caught.value)
 
 
