@@ -23,7 +23,7 @@ from .lexer import Token, closing, tokenise
 from .modifiers import Modifiers, arguments, complete, modifiers_of, written
 from .sources import SourceTree, line_mark, location
 
-__all__ = ["specialised"]
+__all__ = ["specialised", "told_apart"]
 
 _KINDS = frozenset("class model block connector type package function record".split())
 _PREFIXES = frozenset(
@@ -31,7 +31,8 @@ _PREFIXES = frozenset(
     "input output pure impure operator expandable each".split()
 )
 _MARK = "_adapted"
-_CONCERNED = re.compile(r"\bpackage\b|\bredeclare\b|\bextends\s+[\w.]+\s*\(|=\s*[\w.]+\s*\(\s*\w+\s*\(")
+_LARGEST = 3_000_000  # characters of a library; the Modelica Standard Library has more
+_CONCERNED = re.compile(r"\b(package|record|redeclare)\b|\bextends\s+[\w.]+\s*\(|=\s*[\w.]+\s*\(\s*\w+\s*\(")
 
 
 @dataclass(eq=False)
@@ -93,13 +94,17 @@ Changes = dict[str, _New]
 
 @lru_cache(maxsize=8)
 def _texts(
-    items: tuple[tuple[str, str], ...], label: str, model: str, libraries: tuple[Path, ...]
+    items: tuple[tuple[str, str], ...],
+    label: str,
+    model: str,
+    libraries: tuple[Path, ...],
+    copied: bool = True,
 ) -> dict[str, str]:
     texts = dict(items)
     if any(_CONCERNED.search(text) for text in texts.values()):
-        texts = _Sources(texts, label, libraries).written()
+        texts = _Sources(texts, label, libraries, copied).written()
     if any("function" in text or "package" in text for text in texts.values()):
-        texts = _Sources(texts, label, libraries).with_functions_told_apart(model)
+        texts = _Sources(texts, label, libraries, copied).with_functions_told_apart(model)
     return texts
 
 
@@ -114,12 +119,22 @@ def specialised(tree: SourceTree, model: str = "", libraries: Sequence[Path] = (
     return replace(tree, texts=_texts(tuple(tree.texts.items()), tree.label, model, tuple(libraries)))
 
 
+def told_apart(texts: dict[str, str], label: str, library: Path) -> dict[str, str]:
+    """As `specialised`, for the files of a library, unless it is so large that this takes minutes."""
+    if sum(map(len, texts.values())) > _LARGEST:
+        return texts
+    # Its packages stay what constraining types of its classes name.
+    return _texts(tuple(texts.items()), label, "", (library,), False)
+
+
 def _is_package(folder: Path) -> bool:
     return (folder / "package.mo").is_file()
 
 
 class _Sources:
-    def __init__(self, texts: dict[str, str], label: str, libraries: Sequence[Path]) -> None:
+    def __init__(
+        self, texts: dict[str, str], label: str, libraries: Sequence[Path], copied: bool = True
+    ) -> None:
         tops = [
             one for folder in libraries for one in ([folder] if _is_package(folder) else folder.iterdir())
         ]
@@ -130,6 +145,7 @@ class _Sources:
         }
         self._read_files = set[str]()
         self._texts, self._label = texts, label
+        self._copied = copied
         self._classes: dict[str, _Class] = {}
         self._copies: dict[tuple[str, str], str] = {}
         self._bases: set[str] = set()  # whose base classes are being looked up
@@ -164,12 +180,13 @@ class _Sources:
             label = one.tokens[one.label]
             if one.kind == "function":
                 places[label.text] = places.get(label.text, 0) + 1
-                if one.tokens[one.label - 1].text == "extends":
-                    kept.add(label.text)  # what it redeclares differs from class to class
+                ahead = {token.text for token in one.tokens[one.first : one.label]}
+                if "extends" in ahead or ("replaceable" in ahead and not self._copied):
+                    kept.add(label.text)  # what it stands for differs from class to class
         packages = {
             one.tokens[one.label].text
             for one in self._all()
-            if one.kind == "package" and one.short is not None and not self._in_package(one)
+            if one.kind == "package" and one.short is not None and self._copied and not self._in_package(one)
         } - kept
         shared = {name for name, count in places.items() if count > 1} - kept
         edits: dict[str, list[tuple[int, int, str]]] = {}
@@ -521,7 +538,7 @@ class _Sources:
                     found[new[0]] = new[1]
                 continue
             behind = _path_end(tokens, at)
-            if one.kind == "package" and behind == at + 1 and tokens[behind].text == "=":
+            if one.kind == "package" and self._copied and behind == at + 1 and tokens[behind].text == "=":
                 # Of packages with a common base the compiler would take the constants of one for all.
                 value = self._said(tokens[behind : last + 1], one)
                 found[tokens[at].text] = _New(value, "value")
@@ -579,17 +596,21 @@ class _Sources:
         base = self._absolute(path)
         wanted = self._pruned(base, self._wanted(one, opening, changes))
         text = self._stripped(one, opening, wanted, {}, changes)
-        name = f"{path.rpartition('.')[2]}{_MARK}{len(self._copies) + 1}"
         path = self._copy(base, wanted) if base is not None and wanted else path
-        scope, host = (one.name.rpartition(".")[0], one.beside) if one.short else (one.name, one.within)
-        key = (f"{scope} {path}", f"{kind} {text} {wanted}")
+        return self._heir(one, kind, path, text, one.tokens[opening].line)
+
+    def _heir(self, one: _Class, kind: str, path: str, text: str, number: int) -> str:
+        """The path of a class, in another or beside it, that extends one with modifiers of a line."""
+        name = f"{path.rpartition('.')[2]}{_MARK}{len(self._copies) + 1}"
+        inside = one.short is None and one.kind != "record"
+        scope, host = (one.name, one.within) if inside else (one.name.rpartition(".")[0], one.beside)
+        key = (f"{scope} {path}", f"{kind} {text}")
         if key not in self._copies:
             self._copies[key] = f".{scope}.{name}" if scope else f".{name}"
-            line = line_mark(one.tokens[opening].line)
             path = self._named(path, one)
             body = f"= {path}{text};" if kind == "type" else f"extends {path}{text}; end {name};"
             written = f"{kind} {name} {body}"
-            host.append(f"{line} {written}")
+            host.append(f"{line_mark(number)} {written}")
             self._read(written, "", tokenise(written, name), scope)[0].beside = host
         return self._copies[key]
 
@@ -811,6 +832,7 @@ class _Sources:
         original = self._resolved(_path(tokens, *part.path), one.name, changes)
         clauses: list[tuple[str, str]] = []
         same = True
+        dimensions = _words(tokens[part.path[1] : part.names[0][0]])
         for number, (at, opening) in enumerate(part.names):
             new = changes.get(tokens[at].text)
             target, path = original, ""
@@ -842,6 +864,9 @@ class _Sources:
                 name = _words(tokens[at:behind])
             rest = _words(tokens[behind:end])
             held = _words(tokens[opening : closing(tokens, opening) + 1]) if opening >= 0 else ""
+            plain = used == opening >= 0 and not rest.startswith("=") and "[" not in (*dimensions, *name)
+            if plain and target is not None and (heir := self._record(one, part, target, name, brackets)):
+                path, brackets = heir, ""
             same &= not path and _words_alone(brackets) == _words_alone(held)
             path = self._named(path, one)
             if new is not None and new.kind == "value":
@@ -849,7 +874,6 @@ class _Sources:
             clauses.append((path, f"{name}{brackets} {rest}".strip()))
         if same:
             return
-        dimensions = _words(tokens[part.path[1] : part.names[0][0]])
         type_text = "".join(token.text for token in tokens[slice(*part.path)])
         before = " ".join(
             word.text
@@ -866,6 +890,28 @@ class _Sources:
                 " ".join(one for one in (prefix, path or type_text, dimensions, text, suffix) if one)
             )
         yield tokens[part.first].start, tokens[part.end].start, "; ".join(texts)
+
+    def _record(self, one: _Class, part: _Part, target: _Class, name: str, brackets: str) -> str:
+        """A type in place of a record's modifiers, which the compiler would keep where heirs bind all of it.
+
+        Returns: its path; "" where none binds it, or the modifiers need components of the class.
+        """
+        bound = re.compile(rf"[(,.]\s*(final\s+|each\s+)*{re.escape(name)}\s*=(?!=)")
+        if target.kind != "record" or one.kind == "function" or not brackets:
+            return ""
+        if one.kind != "record" and not any(bound.search(text) for text in self._texts.values()):
+            return ""
+        tokens = (*tokenise(brackets, name), Token("sign", ";", len(brackets), 0))
+        if any(token.text in ("redeclare", "final") for token in tokens) or any(
+            token.kind == "name"
+            and after.text not in ("=", "(")
+            and self._declares_component(one.name, token.text)
+            for before, token, after in zip(tokens, tokens[1:], tokens[2:], strict=False)
+            if before.text != "."
+        ):
+            return ""
+        line = one.tokens[part.first].line
+        return self._heir(one, "record", f".{target.name}", self._said(tokens[:-1], one), line)
 
     def _joined(self, one: _Class, opening: int, brackets: str, other: int, changes: Changes) -> str:
         """Modifiers, with those of another bracket for elements that they do not name."""

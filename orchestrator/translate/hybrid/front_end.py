@@ -16,13 +16,14 @@ from orchestrator.base.digests import digest_of, file_digest
 from orchestrator.base.errors import BuildError
 from orchestrator.base.temporary_folders import cache_folder, keep_last_used
 
+from .. import specialised as classes
 from ..compiler import TIME_LIMIT, compile_model
 from ..complaints import CompilerRefusal, explained
 from ..flatten import called_partial, flatten, message_of, syntax_faults
 from ..lexer import tokenise
 from ..redeclared import refuse_repeated_redeclarations
 from ..sources import SourceTree, Spans, library_texts
-from ..specialised import specialised
+from ..specialised import specialised, told_apart
 from . import adapted as rules
 from .adapted import ANY, ANY_MODEL, Objects, Section, Sections, adapted, class_texts, external_objects
 from .buses import refuse_unknown_members, types_of_members, with_members
@@ -269,7 +270,7 @@ def _adapted_library(
     kept = cache_folder("libraries") / digest_of(
         json.dumps(
             [
-                file_digest(Path(rules.__file__)),
+                [file_digest(Path(one.__file__)) for one in (rules, classes)],
                 str(library.resolve()),
                 functions if functions is None else sorted(functions),
                 sections is not None,
@@ -282,6 +283,7 @@ def _adapted_library(
     objects = external_objects(texts.values())
     if not kept.is_dir():
         found: Sections | None = None if sections is None else {}
+        texts = told_apart(texts, f"{library.as_posix()}/", library)
         with tempfile.TemporaryDirectory(dir=kept.parent) as scratch:
             for path, text in texts.items():
                 target = Path(scratch) / "root" / path

@@ -513,6 +513,178 @@ model M
             "d.b.a[1].z": 5 + 6, "e.b.a[2].z": 6 + 28,
         },
     ),
+    "a record that is bound as a whole loses its modifiers": (
+        """
+model M
+  record P parameter Real a = 1; parameter Real b = 2; end P; record P3 = P(a = 3);
+  constant Real c = 4; constant Real d = 6;
+  model A parameter P p(a = 3); Real y = p.a*10 + p.b; end A;
+  model B parameter P p(a = c, b = c + 1), q(b = d); Real y = p.a*10 + p.b + 1000*q.b; end B;
+  parameter P r(a = 9); parameter P3 q3; A a(p = r); A b(p = P(7, 8)); A c1(p(b = 5)); A d1(p = P()); A e;
+    A f(p = q3);
+  model A2 extends A(p = P(5, 6)); end A2; A2 a2; A g(p = P3(b = 7)); B h; B i(p = P(1, 1)); A j(p.b = 0);
+""",
+        {
+            "a.y": 92, "b.y": 78, "c1.y": 35, "d1.y": 12, "e.y": 32, "f.y": 32, "a2.y": 56, "g.y": 37,
+            "h.y": 6045, "i.y": 6011, "j.y": 30
+        },
+    ),
+    "records within records, bound one by one and in arrays": (
+        """
+model M
+  record P parameter Real a = 1; parameter Real b = 2; end P;
+  record Q P p(a = 3); parameter Real c = p.a + p.b; end Q;
+  model A parameter Q q[2]; Real y = q[1].c + 10*q[2].p.a; end A;
+  A a; A b(q(p(b = {5, 6}))); A d(q = {Q(p = P(1, 1)), Q(p = P(7, 8), c = 2)}); parameter Q r(p(a = 9));
+    A e(q = {r, r});
+  Q f[2](p(a = {1, 2}, each b = 4));
+""",
+        {
+            "a.y": 35, "b.y": 38, "d.y": 72, "e.y": 101, "f[2].c": 6
+        },
+    ),
+    "two bases with one component each modified": (
+        """
+model M
+  model P parameter Real k = 1; Real y = k*time; end P;
+  model A P p(k = 2); Real a = p.y; end A; model B P q(k = 3); Real b = q.y; end B;
+  model C extends A(p(k = 4)); extends B(q.k = 5); end C; model D extends C(p(k = 6), q(k = 7)); end D;
+  C c; D d; D e(p.k = 8);
+""",
+        {
+            "c.a": 8, "c.b": 10, "d.a": 12, "d.b": 14, "e.a": 16
+        },
+    ),
+    "parameters depending on others modified in heirs": (
+        """
+model M
+  model A parameter Real m = 2; parameter Real w = 3; final parameter Real k = m*w^2;
+    parameter Real x0 = k/2; Real x(start = x0, fixed = true); equation der(x) = k; end A;
+  model B extends A(w = m + 1); end B; model C A a(m = 5); B b(x0 = 1); end C;
+  A a; B b; C c; B d(m = 1, x.start = 100);
+""",
+        {
+            "a.x": 45, "b.x": 45, "c.a.x": 112.5, "c.b.x": 37, "d.x": 108
+        },
+    ),
+    "arrays passed through three levels": (
+        """
+model M
+  model A parameter Integer n = 1; parameter Real k[n] = ones(n); Real y[n] = k*time; end A;
+  model B parameter Integer n = 2; parameter Real k[n] = 2*ones(n); A a(n = n, k = k); end B;
+  model C B b[2](each n = 3, k = {{1, 2, 3}, {4, 5, 6}}); B d(n = 1); end C;
+  C c; B e(k = {7, 8}); B f(n = 3, a.k = {1, 1, 5});
+""",
+        {
+            "c.b[2].a.y[3]": 12, "c.d.a.y[1]": 4, "e.a.y[2]": 16, "f.a.y[3]": 10
+        },
+    ),
+    "modification of inherited array component element start": (
+        """
+model M
+  model A Real x[3](start = {1, 2, 3}, each fixed = true); equation der(x) = zeros(3); end A;
+  model B extends A(x(start = {4, 5, 6})); end B; model C extends A(x(each start = 7)); end C;
+    model D B b(x(start = fill(8, 3))); C c[2](x(start = {{1, 2, 3}, {4, 5, 6}})); end D;
+  A a; B b; C c; D d;
+""",
+        {
+            "a.x[2]": 2, "b.x[2]": 5, "c.x[3]": 7, "d.b.x[1]": 8, "d.c[2].x[3]": 6
+        },
+    ),
+    "records in arrays of components, with each": (
+        """
+model M
+  record D parameter Real k = 1; parameter Real v[2] = {1, 2}; end D;
+  model A parameter D d; Real y = d.k*d.v[2]*time; end A; model B A a[2](d(k = {3, 4}, each v = {5, 6}));
+    end B;
+  B b; A c(d(v = {7, 8})); model E extends A(d(k = 9)); end E; E e(d(v = {1, 10}));
+    A f[2](each d = D(2, {3, 4}));
+""",
+        {
+            "b.a[2].y": 48, "c.y": 16, "e.y": 180, "f[1].y": 16
+        },
+    ),
+    "parameters of parameters, across three levels": (
+        """
+model M
+  model A parameter Real k = 1; parameter Real m = k + 1; parameter Real n = m*k; Real y = n; end A;
+  model B parameter Real k = 5; A a(k = k + 1, n = a.m + k); end B;
+  parameter Real k = 100; B b; B c(a(k = k)); B d(k = 2, a.n = 3*d.a.k);
+""",
+        {
+            "b.a.y": 12, "c.a.y": 106, "d.a.y": 9
+        },
+    ),
+    "inner and outer through two levels and arrays": (
+        """
+model M
+  model W parameter Real g = 1; Real t = g*time; end W;
+  model B outer W w; Real y = w.t; end B;
+  model C B b[2]; inner W w(g = 5); end C;
+  model D C c; B b; end D;
+  inner W w(g = 3); D d; D e[2];
+""",
+        {
+            "d.c.b[2].y": 10, "d.b.y": 6, "e[2].b.y": 6, "e[1].c.b[1].y": 10
+        },
+    ),
+    "parameters without fixed values, and starts, of components": (
+        """
+model M
+  model A parameter Real k(fixed = false, start = 1); Real x(start = 2, fixed = true); equation der(x) = k;
+    end A;
+  A a; A b(x(start = 3)); A c(k(fixed = true) = 4);
+initial equation
+  a.k = 5; b.k*2 = a.k + b.x;
+""",
+        {
+            "a.x": 12, "b.x": 11, "c.x": 10
+        },
+    ),
+    "replaceable types and records": (
+        """
+model M
+  model S replaceable type T = Real; T x(start = 1, fixed = true);
+    replaceable record D parameter Real k = 2; end D; D d; parameter Real z = d.k; equation der(x) = z; end S;
+  type Own = Real(start = 7, unit = "m"); record Big parameter Real k = 5; parameter Real m = 1; end Big;
+  S s; S t(redeclare type T = Own); S u(redeclare record D = Big); S v(redeclare record D = Big(k = 6));
+    S w(d(k = 9));
+""",
+        {
+            "s.x": 5, "u.x": 11, "v.x": 13, "w.x": 19
+        },
+    ),
+    "imports within packages, functions and bases": (
+        """
+package P
+  package C constant Real pi = 3; constant Integer n = 2; constant Real t[n] = {1.5, 2.5}; end C;
+  package F import P.C.pi; import K = P.C; function area input Real r; output Real a;
+    algorithm a := pi*r^2 + K.t[K.n]; end area; constant Real two = 2*pi; end F;
+  type Len = Real(unit = "m");
+  model Base import P.F.*; Real y = area(time); parameter Real q = two; end Base;
+  model M
+    extends Base(q = 1); import P.C; Real z = C.n*C.t[1]; Base b; C2 c; model C2 constant Real pi = 4;
+      Real y = pi + F.two; end C2;
+@
+end P;
+""",
+        {
+            "y": 14.5, "q": 1, "z": 3, "b.q": 6, "c.y": 10
+        },
+    ),
+    "functions of one name with loops of unknown length": (
+        """
+model M
+  model A function f input Real u; output Real y; algorithm y := u; while y > 3 loop y := y - 1; end while;
+    end f; Real y = f(time*5); end A;
+  model B function f input Real u; output Real y; algorithm y := u; while y > 3 loop y := y - 2; end while;
+    end f; Real y = f(time*5); end B;
+  A a; B b;
+""",
+        {
+            "a.y": 3, "b.y": 2
+        },
+    ),
 }  # fmt: skip
 
 
@@ -536,3 +708,40 @@ def test_values_of_the_rule(tmp_path, rule):
     last = {name: found[name][-1] for name in expected}
     assert last == pytest.approx(expected, abs=1e-9)
     assert all(math.isfinite(value) for value in last.values())
+
+
+PARTS = """
+package Parts
+  partial package Med constant Real k = 0; replaceable partial function h input Real u; output Real y;
+  end h; end Med;
+  package Water extends Med(k = 1); redeclare function extends h algorithm y := u; end h; end Water;
+  package Oil extends Med(k = 2); redeclare function extends h algorithm y := 10*u; end h; end Oil;
+  model Pipe replaceable package Medium = Water constrainedby Med; Real y = Medium.k*time;
+    Real z = Medium.h(time);
+  end Pipe;
+  model A parameter Real k = 1; parameter Real m = 1; Real y = k*10 + m; end A; model B A a; end B;
+  model L B b(a(k = 7)); end L;
+  model F1 function f input Real u; output Real y; algorithm y := u; end f; Real y = f(time); end F1;
+  model F2 function f input Real u; output Real y; algorithm y := 10*u; end f; Real y = f(time); end F2;
+  model S replaceable model Q = A; Q q; end S; model S2 extends S(redeclare model Q = A(k = 4)); end S2;
+end Parts;
+"""
+
+
+def test_classes_of_a_library(tmp_path):
+    library = tmp_path / "library" / "Parts"
+    library.mkdir(parents=True)
+    (library / "package.mo").write_text(PARTS)
+    text = completed("""
+model M
+  Parts.Pipe one(redeclare package Medium = Parts.Oil); Parts.Pipe other;
+  Parts.F1 f1; Parts.F2 f2; Parts.S2 s2;
+  model T extends Parts.L(b(a(m = 9))); end T; T t; Parts.S s(redeclare model Q = Parts.A(k = 3));
+""")  # fmt: skip
+    fmu = made(tmp_path, text, libraries=[library.parent])
+    expected = {
+        "one.y": 4, "one.z": 20, "other.y": 2, "other.z": 2, "f1.y": 2, "f2.y": 20, "s.q.y": 31, "s2.q.y": 41,
+        "t.b.a.y": 79,
+    }  # fmt: skip
+    found = run(fmu, 2.0, 1.0, *expected)
+    assert {name: found[name][-1] for name in expected} == pytest.approx(expected, abs=1e-9)
