@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -333,11 +334,12 @@ class Search:
         tried = self._from_begins(scores, partial(_singly, most=_TRIED, each=_EACH))
         if tried and not self.explained(tried):
             for one in _families(_unlike(tried))[:_BEAM]:
-                tried += self._kin(*one, more=True)
+                tried += self._kin(*one, operator.gt)
         singles = self.finished(tried, _KEPT)
         if singles:
             # Where the first laws explain the logs, others of their family may not have been tried.
-            singles = _unlike([*singles, *self.finished(self._kin(*singles[0]), 1)])
+            # A resonance without overshoot is a lag.
+            singles = _unlike([*singles, *self.finished(self._kin(*singles[0], operator.le), 1)])
         every += singles
         if not self.explained(every):
             self.progress("rarer laws")
@@ -351,11 +353,11 @@ class Search:
         if not self.explained(every) and lacking:
             self.progress("pairs of laws")
             pairs = self.finished(self._pairs(scores, singles), _KEPT)
+            # The first round may find a law that explains still more, or as much with fewer numbers.
             for _ in range(_ROUNDS if pairs else 0):
                 before = pairs[0][0].laws
-                if not self.explained(pairs):
-                    pairs = self.finished([*pairs, *self._alike(*pairs[0], singles)], _KEPT)
-                if pairs[0][0].laws == before:
+                pairs = self.finished([*pairs, *self._alike(*pairs[0], singles)], _KEPT)
+                if pairs[0][0].laws == before or self.explained(pairs):
                     break
             every += [*pairs, *self.finished(self.alone(pairs), _KEPT)]
         every += self.within_tolerance(every)
@@ -374,13 +376,23 @@ class Search:
             for one in self.tried(sets(scored), begin)
         ]
 
-    def _kin(self, best: Fitted, found: Polished, more: bool = False) -> list[tuple[Fitted, Polished]]:
-        """A single law replaced by those of its family; see `kin_of`."""
-        count = len(self.model.nominal)
-        return self._fits(
-            ((one,), np.r_[found.constants[:count], one.numbers], found.starts)
-            for one in kin_of(self.runs, best.laws[0], best.numbers, more)
-        )
+    def _kin(
+        self, best: Fitted, found: Polished, compare: Callable[[int, int], bool]
+    ) -> list[tuple[Fitted, Polished]]:
+        """Each law in turn replaced by those of its family; see `kin_of`."""
+        kin = partial(kin_of, self.runs, compare=compare)
+        return self._fits(self._replaced(best, found, kin))
+
+    def _replaced(
+        self, best: Fitted, found: Polished, others: Callable[[Candidate, Array], Iterable[Candidate]]
+    ) -> Iterator[tuple[tuple[Candidate, ...], Array, Sequence[Array]]]:
+        """Begins of fits: each law in turn replaced by others, which begin with their own numbers."""
+        count, parts = len(self.model.nominal), list(best.by_law())
+        for k, (law, values, _) in enumerate(parts):
+            for two in others(law, values):
+                numbers = [two.numbers if j == k else one[1] for j, one in enumerate(parts)]
+                laws = (*best.laws[:k], two, *best.laws[k + 1 :])
+                yield laws, np.r_[found.constants[:count], *numbers], found.starts
 
     def _alike(
         self, best: Fitted, found: Polished, singles: Sequence[tuple[Fitted, Polished]]
@@ -392,10 +404,7 @@ class Search:
         Args:
             singles: best first. They begin with the numbers that they have alone.
         """
-        count = len(self.model.nominal)
-        parts = list(best.by_law())
-        sets = []
-        for k, (law, values, _) in enumerate(parts):
+        def others(law: Candidate, values: Array) -> list[Candidate]:
             twins = [one for one in self.twins.get(law.name, ()) if one.law is law.law][:_BESIDE]
             near = [
                 replace(one.laws[0], numbers=tuple(one.numbers.tolist()))
@@ -406,16 +415,14 @@ class Search:
                 one for one in near[_BESIDE:]
                 if one.law.family == law.law.family and len(one.numbers) < len(values)
             ]  # fmt: skip
-            for two in [
+            return [
                 *[replace(one, numbers=tuple(values.tolist())) for one in twins],
-                *kin_of(self.runs, law, values),
+                *kin_of(self.runs, law, values, operator.le),
                 *near[:_BESIDE],
                 *simpler,
-            ]:
-                laws = (*best.laws[:k], two, *best.laws[k + 1 :])
-                numbers = [two.numbers if j == k else one[1] for j, one in enumerate(parts)]
-                sets.append((laws, np.r_[found.constants[:count], *numbers], found.starts))
-        return self._fits(sets)
+            ]
+
+        return self._fits(self._replaced(best, found, others))
 
     def _pairs(
         self, scores: Sequence[Scores], singles: Sequence[tuple[Fitted, Polished]]
@@ -448,10 +455,15 @@ def _others(model: StateModel, law: Candidate) -> list[Candidate]:
     return [one for one in every if one.law is not law.law and one.signal == law.signal]
 
 
-def kin_of(runs: Runs, law: Candidate, numbers: Array, more: bool = False) -> list[Candidate]:
-    """Laws of the same family at the same place that read the same signal, with as many numbers or with more.
+def kin_of(
+    runs: Runs, law: Candidate, numbers: Array, compare: Callable[[int, int], bool] = operator.eq
+) -> list[Candidate]:
+    """Laws of the same family at the same place that read the same signal.
 
     They begin with the numbers that they share with the law: by name, or by place and unit.
+
+    Args:
+        compare: of how many numbers they and the law have; by default they have as many.
     """
     own = law.law.numbers
     known = {(one.name, ""): value for one, value in zip(own, numbers.tolist(), strict=True)}
@@ -460,7 +472,7 @@ def kin_of(runs: Runs, law: Candidate, numbers: Array, more: bool = False) -> li
         replace(one, numbers=start)
         for one in _others(runs.model, law)
         if one.law.family == law.law.family
-        and (len(one.law.numbers) > len(own) if more else len(one.law.numbers) == len(own))
+        and compare(len(one.law.numbers), len(own))
         for start in {
             tuple(
                 known.get((each.name, ""), known.get((k, each.unit), value))
