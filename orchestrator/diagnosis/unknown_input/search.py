@@ -404,6 +404,7 @@ class Search:
         Args:
             singles: best first. They begin with the numbers that they have alone.
         """
+
         def others(law: Candidate, values: Array) -> list[Candidate]:
             twins = [one for one in self.twins.get(law.name, ()) if one.law is law.law][:_BESIDE]
             near = [
@@ -471,8 +472,7 @@ def kin_of(
     return [
         replace(one, numbers=start)
         for one in _others(runs.model, law)
-        if one.law.family == law.law.family
-        and compare(len(one.law.numbers), len(own))
+        if one.law.family == law.law.family and compare(len(one.law.numbers), len(own))
         for start in {
             tuple(
                 known.get((each.name, ""), known.get((k, each.unit), value))
