@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
+    from ..frequency.from_system import LinearPoint
     from ..results.recorders import Results
+    from ..simulation.run import Prepared
 
 __all__ = ["SpaceMeasure", "effective_mass"]
 
@@ -129,6 +131,12 @@ class SpaceMeasure:
         if abs(ratio - 1.0) <= 2 * KEPT:
             return f"{sentence}: the loop keeps the energy of the contact."
         return f"{sentence}: the loop {'adds' if ratio > 1.0 else 'takes'} energy at each contact."
+
+    def linear_point(self, prepared: Prepared, options: SpaceOptions) -> LinearPoint:
+        """Stability: equations of the satellites and the controller."""
+        from .space_point import space_laws
+
+        return space_laws(prepared, options)
 
     def scene(self, results: Results, options: SpaceOptions) -> dict[str, Any]:
         """The rod's tip between the surfaces, and both satellites."""

@@ -8,7 +8,7 @@ many roots to the right of a line as are listed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..base.errors import ConfigError, OrchestratorError, Problem, listed
 from .statespace import differentiation
 
-__all__ = ["SMALL", "DelayEquation", "Link", "Mode", "Modes"]
+__all__ = ["SMALL", "DelayEquation", "Link", "Mode", "Modes", "in_parts"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -30,6 +30,11 @@ _RESIDUAL = 1e-9
 # Neighbouring values on the contour turn by less than this [rad], or more are taken between them.
 _TURN = 0.7
 _MOST_POINTS = 400_000
+_TOGETHER = 64
+# Roots that are looked for beyond those asked for.
+_MORE = 12
+# Points around a cluster of roots; powers of their distances over the circle's radius that count as 0.
+_AROUND, _ONE_PLACE = 128, 1e-9
 # Of systems with more states the instances are reduced to what links see; in blocks of so many rows.
 SMALL = 40
 _BLOCK = 32
@@ -49,6 +54,21 @@ class Link(NamedTuple):
     target: int
     gain: float
     delay: float = 0.0
+
+
+class _Cluster(NamedTuple):
+    """Roots that are not told from one of several times.
+
+    Attributes:
+        root: their mean; times: their number.
+        radius: of a circle without others, shared by its conjugate; spread: they lie no further from the mean
+            by rounding.
+    """
+
+    root: complex
+    times: int
+    radius: float
+    spread: float
 
 
 @dataclass(frozen=True)
@@ -150,13 +170,16 @@ class DelayEquation:
 
     def _matrix(self, s: Complex, gains: Array | None = None) -> Complex:
         """P(s) = [[s - A, -B], [-K(s) C, 1 - K(s) D]], shape (len(s), n + m, n + m)."""
-        n, m = len(self.states), len(self.inputs)
-        k = np.einsum("sk,kmp->smp", np.exp(-s[:, None] * self._delays), self._k if gains is None else gains)
-        made = np.zeros((len(s), n + m, n + m), np.complex128)
-        made[:, :n, :n] = s[:, None, None] * np.eye(n) - self.a
-        made[:, :n, n:] = -self.b
-        made[:, n:, :n] = -k @ self.c
-        made[:, n:, n:] = np.eye(m) - k @ self.d
+        n, gains = len(self.states), self._k if gains is None else gains
+        made = np.zeros((len(s), n + len(self.inputs), n + len(self.inputs)), np.complex128)
+        made[:, :n, :n], made[:, :n, n:] = -self.a, -self.b
+        made[:, n:, n:] = np.eye(len(self.inputs))
+        made[:, range(n), range(n)] += s[:, None]
+        whole = np.concatenate([self.c, self.d], axis=1)
+        for delay, matrix in zip(self._delays, gains, strict=True):
+            rows = np.flatnonzero(matrix.any(axis=1))
+            back = matrix[rows] @ whole
+            made[:, n + rows] -= back if delay == 0.0 else np.exp(-s * delay)[:, None, None] * back
         return made
 
     def _slope(self, s: complex) -> Complex:
@@ -254,8 +277,7 @@ class DelayEquation:
     def _signs(self, s: Complex) -> Complex:
         """det P(s) / |det P(s)|."""
         if len(self.states) <= SMALL:
-            parts = np.array_split(s, max(len(s) // 2000, 1))
-            return np.concatenate([np.linalg.slogdet(self._matrix(one))[0] for one in parts])
+            return np.concatenate([np.linalg.slogdet(self._matrix(one))[0] for one in in_parts(s)])
         made = np.empty(len(s), np.complex128)
         near = self._near_poles(s)
         for index in np.flatnonzero(near):
@@ -348,14 +370,18 @@ class DelayEquation:
 
     def _certified(self, guesses: Complex, count: int) -> Modes | None:
         ordered = guesses[np.argsort(-guesses.real)]
-        upper = ordered[ordered.imag >= -1e-9 * abs(ordered)][: count + 12]
+        clusters = self._clusters(ordered, count + _MORE)
+        apart = np.array([all(abs(s - one.root) > one.radius for one in clusters) for s in ordered], bool)
+        upper = ordered[apart & (ordered.imag >= -1e-9 * abs(ordered))][: count + _MORE]
         roots: list[complex] = []
         for guess in upper:
             found = self.root_near(complex(guess))
             if found is not None and not any(abs(found - one) <= 1e-7 * max(abs(one), 1e-9) for one in roots):
                 roots.append(found)
+        known = {one.root: one.times for one in clusters}
+        roots = [*known, *(s for s in roots if all(abs(s - one.root) > one.radius for one in clusters))]
         roots.sort(key=lambda one: (-one.real, one.imag))
-        totals = np.cumsum([2 if one.imag > 0.0 else 1 for one in roots])
+        totals = np.cumsum([known.get(one, 1) * (2 if one.imag > 0.0 else 1) for one in roots])
         for wanted in range(len(roots), 0, -1):
             if wanted < len(roots):
                 line = 0.5 * (roots[wanted - 1].real + roots[wanted].real)
@@ -366,13 +392,15 @@ class DelayEquation:
                 continue
             if close <= 1e-9 * abs(roots[wanted - 1]):
                 continue
+            if any(abs(line - one.root.real) < one.spread for one in clusters):
+                continue
             if totals[wanted - 1] < min(count, int(totals[-1])) and wanted < len(roots) - 1:
                 return None
             try:
                 counted = self.count_right_of(line)
-                times = [1] * wanted
+                times = [known.get(one, 1) for one in roots[:wanted]]
                 if counted > totals[wanted - 1]:
-                    times = self._multiplicities(roots[:wanted])
+                    times = self._multiplicities(roots[:wanted], known)
                 if counted == sum(k * (2 if s.imag > 0.0 else 1) for k, s in zip(times, roots, strict=False)):
                     listed = [self._mode(s, k) for k, s in zip(times, roots, strict=False) for _ in range(k)]
                     return Modes(tuple(listed), float(line))
@@ -380,10 +408,67 @@ class DelayEquation:
                 continue
         return None
 
-    def _multiplicities(self, roots: Sequence[complex]) -> list[int]:
+    def _clusters(self, ordered: Complex, count: int) -> list[_Cluster]:
+        """Multiple roots: guesses that lie together and apart from all others, of which P(s) shows one place.
+
+        A root of k times moves by the k-th root of a rounding error, so that neither guesses nor Newton's
+        method find it. log det P(s) around it does: without k log(s - c), its powers that are negative are
+        -p_m/m (s - c)^-m with p_m the sum of (root - c)^m (Delves and Lyness, Math. Comp. 21, 1967).
+        """
+        found: list[_Cluster] = []
+        for seed in ordered[:count]:
+            if seed.imag < 0.0 or any(abs(seed - one.root) <= one.radius for one in found):
+                continue
+            distances = np.sort(abs(ordered - seed))
+            for times in range(2, len(distances)):
+                near, far = distances[times - 1 : times + 1]
+                if near * 9.0 > far:
+                    continue
+                together = ordered[abs(ordered - seed) <= near]
+                centre = complex(np.mean(together))
+                radius = (far - near) / 3.0
+                if abs(centre.imag) < radius:
+                    centre = complex(centre.real, 0.0)
+                for _ in range(2):  # the second time around their mean
+                    sums = self._power_sums(centre, radius)
+                    if len(sums) != times + 1:
+                        break
+                    centre += radius * complex(sums[1]) / times
+                if len(sums) != times + 1 or np.max(abs(sums[1:])) > _ONE_PLACE:
+                    continue
+                if abs(centre) <= _ONE_PLACE * radius:
+                    centre = 0j
+                elif abs(centre.imag) < _ONE_PLACE * radius:
+                    centre = complex(centre.real, 0.0)
+                spread = max(3.0 * _ONE_PLACE ** (1.0 / times) * radius, 2.0 * near)
+                found.append(_Cluster(centre, times, radius, min(spread, radius)))
+                break
+        return found
+
+    def _power_sums(self, centre: complex, radius: float) -> Complex:
+        """Sums over the roots in a circle of ((root - centre)/radius)^m, m from 0 to their number; empty if a
+        root lies on it.
+        """
+        turn = np.arange(_AROUND) / _AROUND
+        s = centre + radius * np.exp(2j * np.pi * turn)
+        found = [np.linalg.slogdet(self._matrix(one)) for one in in_parts(s)]
+        sign, log = (np.concatenate([one[part] for one in found]) for part in (0, 1))
+        if not sign.all():
+            return np.zeros(0, np.complex128)
+        phase = np.unwrap(np.angle(np.append(sign, sign[0])))
+        times = round(float(phase[-1] - phase[0]) / (2.0 * np.pi))
+        if not 0 < times < _AROUND // 4:
+            return np.zeros(0, np.complex128)
+        terms = np.fft.fft(log + 1j * (phase[:-1] - 2.0 * np.pi * times * turn)) / _AROUND
+        return np.array([times, *(-m * terms[-m] for m in range(1, times + 1))])
+
+    def _multiplicities(self, roots: Sequence[complex], known: Mapping[complex, int]) -> list[int]:
         """How many roots lie on top of one another at each, by the argument principle around it."""
         found = []
         for s in roots:
+            if s in known:
+                found.append(known[s])
+                continue
             others = [other for one in roots for other in (one, one.conjugate()) if other != s]
             size = max(abs(s), 1e-3 * max(map(abs, roots)), 1e-6)
             radius = min([1e-3 * size, *(0.3 * abs(other - s) for other in others)])
@@ -441,6 +526,11 @@ class DelayEquation:
         order = np.argsort(-share)
         named = tuple((self.states[index], float(share[index])) for index in order if share[index] > 1e-3)
         return Mode(root, self._residual(root), named)
+
+
+def in_parts(s: Complex) -> list[Complex]:
+    """So few values at a time that their matrices fit in the processor's cache."""
+    return np.array_split(s, max(len(s) // _TOGETHER, 1))
 
 
 def _contracts(matrix: Array) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base import graph
 from ..base.errors import ConfigError, Problem, listed, nearest
 from ..translate.linear_model import as_state_space
-from .delay_equation import SMALL, DelayEquation, Link, Modes
+from .delay_equation import SMALL, DelayEquation, Link, Modes, in_parts
 from .margins import FAR, Crossover, DelayMargin, Margins, borne_delay, gain_crossovers
 from .refine import minima, zeros
 
@@ -30,6 +31,8 @@ FILTER = " filter"
 
 # |L| below this limits no gain.
 _NO_GAIN = 1e-9
+# What is asked for at so many frequencies is asked for again.
+_GRID = 1000
 # Deepest dips on the grid that are followed down: a sharp one may be deeper than the deepest there.
 _DIPS = 4
 
@@ -143,7 +146,50 @@ class DelaySystem(DelayEquation):
                 wanted[:, n + one.target, 0] += one.gain * np.exp(-s * one.delay) * cut[one.source]
         return np.linalg.solve(self._matrix(s, rest), wanted)[:, n + self.inputs.index(target), 0]
 
+    @cached_property
+    def _kept(self) -> dict[tuple[str, ...], tuple[Complex, Complex]]:
+        """The grid that connections were last opened on, and what came back."""
+        return {}
+
     def _opened(self, connections: Sequence[str], s: Complex) -> Complex:
+        name = tuple(connections)
+        if len(s) < _GRID:
+            return self._open(connections, s)
+        if name not in self._kept or not np.array_equal(self._kept[name][0], s):
+            if len(name) == 1 and len(self.states) <= SMALL:
+                self._kept.update({(one,): (s, back) for one, back in self._each(s).items()})
+            if name not in self._kept or not np.array_equal(self._kept[name][0], s):
+                self._kept[name] = s, self._open(connections, s)
+        return self._kept[name][1]
+
+    def _each(self, s: Complex) -> dict[str, Complex]:
+        """`_opened` of every connection with one target on its own, by one factorisation of the closed loop.
+
+        Where 1 is added to an input, it becomes S = 1/(1 + L), of which -L S comes back.
+        """
+        owned: dict[str, list[Link]] = {}
+        for link in self.links:
+            owned.setdefault(link.connection, []).append(link)
+        owned = {name: links for name, links in owned.items() if len({one.target for one in links}) == 1}
+        n, m, targets = len(self.states), len(self.inputs), [links[0].target for links in owned.values()]
+        wanted = np.zeros((n + m, len(targets)))
+        wanted[n + np.array(targets, np.intp), range(len(targets))] = 1.0
+        found = np.zeros((len(owned), len(s), 1, 1), np.complex128)
+        begin = 0
+        for part in in_parts(s):
+            try:
+                solved = np.linalg.solve(self._matrix(part), wanted[None])
+            except np.linalg.LinAlgError:  # a root lies on the axis
+                return {}
+            y = self.c @ solved[:, :n] + self.d @ solved[:, n:]
+            for row, links in enumerate(owned.values()):
+                back = sum(one.gain * np.exp(-part * one.delay) * y[:, one.source, row] for one in links)
+                with np.errstate(divide="ignore", invalid="ignore"):  # L is infinite, as of an integrator
+                    found[row, begin : begin + len(part), 0, 0] = -back / solved[:, n + links[0].target, row]
+            begin += len(part)
+        return {name: one for name, one in zip(owned, found, strict=True) if np.isfinite(one).all()}
+
+    def _open(self, connections: Sequence[str], s: Complex) -> Complex:
         own = [[one for one in self.links if one.connection == name] for name in connections]
         if not all(own):
             known = list(dict.fromkeys(one.connection for one in self.links))
@@ -167,8 +213,10 @@ class DelaySystem(DelayEquation):
             y = response @ np.linalg.solve(np.eye(len(targets)) - k @ response, wanted)
             rows = {source: row for row, source in enumerate(sources)}
         else:
-            wanted = np.broadcast_to(np.vstack([np.zeros((n, len(own))), drive]), (len(s), n + m, len(own)))
-            solved = np.linalg.solve(self._matrix(s, rest), wanted)
+            wanted = np.vstack([np.zeros((n, len(own))), drive])
+            solved = np.concatenate(
+                [np.linalg.solve(self._matrix(one, rest), wanted[None]) for one in in_parts(s)]
+            )
             y = self.c @ solved[:, :n] + self.d @ solved[:, n:]
             rows = {source: source for source in range(len(self.outputs))}
         back = np.zeros((len(s), len(own), len(own)), np.complex128)
@@ -300,10 +348,10 @@ class DelaySystem(DelayEquation):
             return self.response(connection, s)
 
         crossovers = []
-        for w, falling in gain_crossovers(response, omega):
+        value = response(1j * omega)
+        for w, falling in gain_crossovers(response, omega, value):
             angle = float(np.angle(-response(np.array([1j * w]))[0]))
             crossovers.append(Crossover(w, np.degrees(angle), float(np.mod(angle, 2.0 * np.pi)) / w, falling))
-        value = response(1j * omega)
         real = _real_crossings(response, omega, value)
         # Where L does not integrate, the locus begins on the real axis: its first crossing is at no
         # frequency.

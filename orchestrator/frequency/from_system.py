@@ -9,7 +9,7 @@ the config's measures know beyond that, a point and laws of instances, is asked 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     import control
     from matplotlib.figure import Figure
 
+    from ..fmi import FmuInstance
+
 __all__ = ["Law", "LinearPoint", "Linearised", "linearise", "refusal"]
 
 Array = NDArray[np.float64]
@@ -51,11 +53,11 @@ class LinearPoint:
 
     Attributes:
         start: start values of its operating point by instance and variable, FMU's units.
-        laws: by instance.
+        laws: by instance; a function gives that of a running instance where it stands.
     """
 
     start: Mapping[str, Mapping[str, Any]]
-    laws: Mapping[str, Law]
+    laws: Mapping[str, Law | Callable[[FmuInstance], Law]]
 
 
 @dataclass(frozen=True, repr=False)
@@ -203,7 +205,7 @@ def linearise(
 def _known_point(prepared: Prepared) -> LinearPoint:
     """What the measures of a config know."""
     start: dict[str, Mapping[str, Any]] = {}
-    laws: dict[str, Law] = {}
+    laws: dict[str, Law | Callable[[FmuInstance], Law]] = {}
     for chosen in choose_measures(prepared.config):
         known = getattr(chosen.measure, "linear_point", None)
         if known is not None:
@@ -220,12 +222,14 @@ def _started(prepared: Prepared, start: Mapping[str, Mapping[str, Any]]) -> Prep
     return replace(prepared, system=replace(prepared.system, instances=instances))
 
 
-def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, Law]) -> Linearised:
+def _linearised(
+    prepared: Prepared, at_time: float | None, laws: Mapping[str, Law | Callable[[FmuInstance], Law]]
+) -> Linearised:
     system = prepared.system
     problems: list[Problem] = []
     notes: list[str] = []
     parts: dict[str, StateSpace] = {}
-    known = dict(laws)
+    known: dict[str, Law] = {}
     hidden: dict[str, LateInput] = {}
     inner: dict[str, tuple[InnerDelay, ...]] = {}
     point: dict[str, float] = {}
@@ -233,7 +237,9 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
     fed = {str(connection.target) for connection in system.connections}
     seen = {str(leg) for connection in system.connections for leg in sources(connection)}
     with instantiate(system) as instances:
-        signals = instances.initialise(float(prepared.grid.start), float(prepared.grid.stop))
+        # Runs that go on from a time of the run may last longer than it.
+        stop = float(prepared.grid.stop) if at_time is None else None
+        signals = instances.initialise(float(prepared.grid.start), stop)
         if at_time is not None:
             reached = _advanced(instances, prepared, signals, at_time)
             notes.append(f"linear around t = {reached:.9g} s of the run")
@@ -242,8 +248,10 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
             outputs = tuple(name for name, is_output in real_ports(one.fmu) if is_output)
             read = tuple(name for name in outputs if f"{one.name}.{name}" in seen)
             if one.name in laws:
-                part = laws[one.name].space
-                notes += [f"{one.name}: {note}" for note in laws[one.name].notes]
+                law = laws[one.name]
+                known[one.name] = law if isinstance(law, Law) else law(running)
+                part = known[one.name].space
+                notes += [f"{one.name}: {note}" for note in known[one.name].notes]
             elif refusal(one) is None:
                 part = linearised(one.fmu, running, inputs, outputs)
             else:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..base.errors import OrchestratorError, Problem
 from ..simulation.run import Prepared
 from ..system.system import Instance
-from .measured_part import answer, passage
+from .measured_part import answer, height_of, passage
 from .statespace import LateInput, StateSpace
 
 __all__ = ["MEASURE", "acts", "find_late_input"]
@@ -24,6 +24,8 @@ _MOST_STEPS = 5_000
 _SAMPLES = 24
 # Of the fit, relative to the answer: a delay is one only if nothing else remains.
 _LEFT = 2e-3
+# An answer below this share of a variable's value is its solver's, which takes other steps.
+_SOLVED = 1e-10
 # An answer that falls with the step's height by more than this has no linear part.
 _BENT = 0.6
 
@@ -70,6 +72,8 @@ def _measured(
     """
     step = float(prepared.grid.step_size)
     watched = [*part.states, *(key for key in part.outputs if key not in part.states)]
+    height = height_of(one, name, values)
+    floor = np.array([_SOLVED * abs(float(values.get(key, 0.0))) for key in watched]) / height
     values = {key: values[key] for key in part.inputs}
     try:
         found = answer(one, name, values, watched, prepared, _MOST_STEPS, 4 * _SAMPLES)
@@ -83,8 +87,13 @@ def _measured(
         return "idle"
     half = answer(one, name, values, watched, prepared, len(found) - 1, len(found), 0.5)
     count = min(len(half), len(found))
-    if np.all(np.max(abs(half[:count]), axis=0) <= _BENT * np.max(abs(found[:count]), axis=0)):
+    # What half the step answers by another share is of higher order.
+    other = np.max(abs(half[:count] - found[:count]), axis=0)
+    none = (other >= (1.0 - _BENT) * size) | (size < floor)
+    if np.all(none):
         return "idle"
+    found[:, none], size = 0.0, np.where(none, 0.0, size)
+    scale = np.where(size > 0.0, size, 1.0)
     states = len(part.states)
     onset = int(moved[0])
     rows = np.arange(onset, min(onset + _SAMPLES, len(found)))

@@ -180,8 +180,10 @@ def gain_crossovers(
         def turned(w: Array) -> Array:
             return np.resize(sign, len(w)) * level(w)
 
-        omega = np.sort(np.concatenate([omega, minima(turned, omega[turning - 1], omega[turning + 1])[0]]))
-        values = level(omega)
+        peaks = minima(turned, omega[turning - 1], omega[turning + 1])[0]
+        omega, values = np.concatenate([omega, peaks]), np.concatenate([values, level(peaks)])
+        order = np.argsort(omega)
+        omega, values = omega[order], values[order]
     index = np.flatnonzero((values[:-1] > 0.0) != (values[1:] > 0.0))
     found = zeros(level, omega[index], omega[index + 1])
     falling = values[index] > values[index + 1]

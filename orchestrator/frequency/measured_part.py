@@ -21,12 +21,24 @@ from ..system.system import Instance
 from .statespace import StateSpace
 from .twin_runs import step_all
 
-__all__ = ["FIT", "answer", "continuous", "differences", "measured_part", "passage", "realised", "scaled"]
+__all__ = [
+    "FIT",
+    "answer",
+    "continuous",
+    "differences",
+    "height_of",
+    "measured_part",
+    "passage",
+    "realised",
+    "scaled",
+]
 
 Array = NDArray[np.float64]
 
 # Height of a step, relative to the input's value or its nominal one.
 _HEIGHT = 1e-3
+# Shares of it that are tried in turn, as long as the FMU refuses the step.
+_SMALLER = (1.0, 0.1, 0.01)
 _SAMPLES = 48
 # Steps before the input's; the check by half its height takes twice as many, to see what depends on time.
 _SETTLE = 16
@@ -34,6 +46,11 @@ _SETTLE = 16
 _RANK = 1e-7
 FIT = 1e-2
 _ROUNDING = 1e-13
+
+
+def height_of(one: Instance, name: str, values: Mapping[str, Any]) -> float:
+    """Height of a step of an input, FMU's unit."""
+    return _HEIGHT * (abs(float(values[name])) or float(one.variable(name).nominal or 1.0))
 
 
 def answer(
@@ -53,29 +70,30 @@ def answer(
     Args:
         name: the input; values: of all connected inputs at the operating point, FMU's units.
         steps: most steps; moves: how many are taken after the first difference.
-        share: of the usual height of the step.
+        share: of the usual height of the step, which becomes smaller if the FMU refuses it.
         settle: steps before it, which the result leaves out.
         fine: steps in a communication step.
     Returns: shape (steps + 1, watched), relative to the height.
     Raises: StepError if the FMU refuses to run on its own.
     """
-    height = share * _HEIGHT * (abs(float(values[name])) or float(one.variable(name).nominal or 1.0))
-
-    def deviations() -> Iterator[Array]:
-        for index in range(settle + steps):
-            yield np.array([height if index >= settle else 0.0])
-
-    found: list[Array] = []
-    moved = 0
-    for index, one_difference in enumerate(
-        differences(one, [name], values, watched, prepared, deviations(), fine)
-    ):
-        if index < settle:
-            continue
-        found.append(one_difference / height)
-        moved += bool(index > settle and np.max(abs(found[-1]), initial=0.0) > 0.0)
-        if moved > moves:
+    for smaller in _SMALLER:
+        height = share * smaller * height_of(one, name, values)
+        courses = [np.array([height if index >= settle else 0.0]) for index in range(settle + steps)]
+        found: list[Array] = []
+        moved = 0
+        try:
+            runs = differences(one, [name], values, watched, prepared, courses, fine)
+            for index, one_difference in enumerate(runs):
+                if index < settle:
+                    continue
+                found.append(one_difference / height)
+                moved += bool(index > settle and np.max(abs(found[-1]), initial=0.0) > 0.0)
+                if moved > moves:
+                    break
             break
+        except OrchestratorError:
+            if smaller == _SMALLER[-1]:
+                raise
     made = np.array(found or [np.zeros(len(watched))])
     size = np.max(abs(made), axis=0)
     made[:, size < 1e-12 * np.max(size, initial=0.0)] = 0.0
@@ -139,7 +157,7 @@ def passage(
 ) -> float:
     """When a step of an input reaches an output, known to lie within a step after `low` [s]."""
     begin, step = float(prepared.grid.start), float(prepared.grid.step_size)
-    height = _HEIGHT * (abs(float(values[name])) or float(one.variable(name).nominal or 1.0))
+    height = height_of(one, name, values)
 
     def reached(time: float) -> bool:
         ends = []

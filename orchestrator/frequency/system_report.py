@@ -163,10 +163,10 @@ def system_text(report: dict[str, Any]) -> str:
         share = ", ".join(f"{name} {100 * part:.0f} %" for name, part in one["participation"].items())
         size = f"{one['frequency']:.4g} Hz, damping {one['damping']:.4g}" if imaginary else "real"
         line = f"  {root} 1/s: {size}; {share}"
+        times = sum(other["root"] == one["root"] for other in report["modes"])
+        line += f"; {times} times" if times > 1 else ""
         if line != lines[-1]:
             lines.append(line)
-            times = sum(other["root"] == one["root"] for other in report["modes"])
-            lines[-1] += f"; {times} times" if times > 1 else ""
     if report["margins"]:
         lines.append("margins of connections in feedback loops, the weakest first:")
     for name, one in report["margins"].items():

@@ -7,7 +7,7 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
-from ..fmi import Fmu, FmuInstance, Point, StepStatus
+from ..fmi import FmuInstance, Point, StepStatus
 from ..simulation.grid import Grid
 from ..simulation.run import Prepared
 from ..system.system import Instance
@@ -27,8 +27,8 @@ def step_all(instances: Sequence[FmuInstance], point: Point) -> bool:
 class _Resumed:
     """An FMU whose instances go on from a saved state when they are initialised."""
 
-    def __init__(self, fmu: Fmu, state: bytes) -> None:
-        self._fmu, self._state = fmu, state
+    def __init__(self, one: Instance, state: bytes) -> None:
+        self._fmu, self._start, self._state = one.fmu, one.start, state
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._fmu, name)
@@ -36,7 +36,11 @@ class _Resumed:
     def instantiate(self, name: str) -> FmuInstance:
         """See Fmu.instantiate."""
         instance: Any = self._fmu.instantiate(name)
-        initialised = instance.exit_initialisation
+        entered, initialised = instance.enter_initialisation, instance.exit_initialisation
+
+        def enter_initialisation(begin: float, start: Any, stop: Any) -> None:
+            # Values of a later time may be none that it can start from: they come with the state.
+            entered(begin, self._start, stop)
 
         def exit_initialisation() -> None:
             initialised()
@@ -44,6 +48,7 @@ class _Resumed:
             instance.restore_state(state)
             instance.free_state(state)
 
+        instance.enter_initialisation = enter_initialisation
         instance.exit_initialisation = exit_initialisation
         return instance
 
@@ -63,4 +68,4 @@ def resumed(one: Instance, running: Any, prepared: Prepared, time: float) -> tup
     finally:
         running.free_state(state)
     grid = Grid(Fraction(time), prepared.grid.step_size, prepared.grid.steps)
-    return replace(one, fmu=_Resumed(one.fmu, data)), replace(prepared, grid=grid)
+    return replace(one, fmu=_Resumed(one, data)), replace(prepared, grid=grid)

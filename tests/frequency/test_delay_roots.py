@@ -3,6 +3,7 @@
 import control
 import numpy as np
 import pytest
+import scipy.linalg
 from scipy.special import lambertw
 
 from orchestrator.base.errors import ConfigError, OrchestratorError
@@ -174,3 +175,35 @@ def test_effects_without_a_law_here_are_known_to_runs_alone():
     assert not {"drift", "dropout", "jitter", "map"} & set(known_effects())
     with pytest.raises(ConfigError, match="the effect jitter has no transfer function that is known here"):
         through("[{jitter: 1 ms, period: 2 ms, seed: 1}]")
+
+
+@pytest.mark.parametrize("sizes", [(5,), (4, 1, 1), (6, 3), (12,)])
+def test_multiple_roots_count_as_a_whole(sizes):
+    """Integrators in chains, mixed by a matrix, beside x' = -x(t - 1): rounding parts what lies at 0."""
+    draw = np.random.default_rng(sum(sizes))
+    chains = scipy.linalg.block_diag(*(np.eye(size, k=1) for size in sizes), np.zeros((1, 1)))
+    n = len(chains)
+    turn = scipy.linalg.qr(draw.normal(size=(n, n)))[0]
+    into, seen = turn[:, -1:], turn[:, -1][None]
+    names = tuple(f"x{index}" for index in range(n))
+    link = Link("y -> u", 0, 0, -1.0, 1.0)
+    system = DelaySystem(turn @ chains @ turn.T, into, seen, np.zeros((1, 1)), names, ("u",), ("y",), (link,))
+    found = roots(system, sum(sizes) + 2)
+    own = scalar(0.0, -1.0, 1.0)[0]
+    assert sum(abs(found) < 1e-12) == sum(sizes)
+    assert found[abs(found) > 1e-12][0] == pytest.approx(own.real + 1j * abs(own.imag), rel=1e-9)
+    assert system.modes(sum(sizes) + 2).unstable == 0
+
+
+def test_roots_that_are_near_one_another_are_told_apart():
+    poles = np.array([-1e-3, -2e-3, -3e-3, -100.0])
+    system = DelaySystem(
+        np.diag(poles), *(np.zeros(one) for one in ((4, 0), (0, 4), (0, 0))), tuple("abcd"), (), (), ()
+    )
+    assert roots(system, 4) == pytest.approx(poles, rel=1e-9)
+
+
+def test_an_open_contact_leaves_integrators_alone():
+    """Two free bodies without force, parts that nothing drives: no root but 0 up to the robot's."""
+    modes = linearise("docking-6d-uncompensated").modes(1)
+    assert [one.root for one in modes.modes] == 22 * [0.0] and modes.line > -400.0
