@@ -31,6 +31,7 @@ _PREFIXES = frozenset(
     "input output pure impure operator expandable each".split()
 )
 _MARK = "_adapted"
+_NAMED = re.compile(r"\b(function|package|outer)\b|\bconnect\s*\([^;]*\]\s*[,)]")
 _LARGEST = 3_000_000  # characters of a library; the Modelica Standard Library has more
 _CONCERNED = re.compile(r"\b(package|record|redeclare)\b|\bextends\s+[\w.]+\s*\(|=\s*[\w.]+\s*\(\s*\w+\s*\(")
 
@@ -103,8 +104,8 @@ def _texts(
     texts = dict(items)
     if any(_CONCERNED.search(text) for text in texts.values()):
         texts = _Sources(texts, label, libraries, copied).written()
-    if any("function" in text or "package" in text for text in texts.values()):
-        texts = _Sources(texts, label, libraries, copied).with_functions_told_apart(model)
+    if any(_NAMED.search(text) for text in texts.values()):
+        texts = _Sources(texts, label, libraries, copied).with_whole_paths(model)
     return texts
 
 
@@ -169,8 +170,8 @@ class _Sources:
                         edits[one.file].append((place, place, f" {' '.join(texts)} {line_mark(line)}"))
         return {file: _edited(text, edits.get(file, ())) for file, text in self._texts.items()}
 
-    def with_functions_told_apart(self, model: str) -> dict[str, str]:
-        """The texts, in which calls name functions by their whole paths if others have the same last name.
+    def with_whole_paths(self, model: str) -> dict[str, str]:
+        """The texts, in which classes name functions and packages by whole paths if others are called so.
 
         The compiler would take one of these for all.
         """
@@ -191,30 +192,76 @@ class _Sources:
         shared = {name for name, count in places.items() if count > 1} - kept
         edits: dict[str, list[tuple[int, int, str]]] = {}
         for one in self._all():
-            if one.short is not None:
-                continue
-            modifiers = {at for part in one.parts for at in self._modifier_names(one, part)}
-            typed = dict(self._inherited_types(one))
-            for begin, (end, path) in typed.items():
-                edits.setdefault(one.file, []).append(
-                    (one.tokens[begin].start, _behind(one.tokens[end - 1]), path)
-                )
-            for at in _own(one):
-                token = one.tokens[at]
-                begins = one.tokens[at - 1].text != "." and one.tokens[at + 1].text == "."
-                if (
-                    token.text in packages
-                    and begins
-                    and at not in typed
-                    and (path := self._named(self._package(one, token.text), one))
-                ):
-                    edits.setdefault(one.file, []).append((token.start, _behind(token), path))
-                called = one.tokens[at + 1].text == "(" and one.tokens[at - 1].text not in (".", "end")
-                if token.text not in shared or not called or at in modifiers or one.kind == "function":
-                    continue
-                if (path := self._function(one, token.text, model)) and path != token.text:
-                    edits.setdefault(one.file, []).append((token.start, _behind(token), path))
+            if one.short is None:
+                found = edits.setdefault(one.file, [])
+                found += self._path_edits(one, packages, shared, model)
+                found += [*self._element_edits(one), *self._outer_edits(one)]
         return {file: _edited(text, edits.get(file, ())) for file, text in self._texts.items()}
+
+    def _path_edits(
+        self, one: _Class, packages: set[str], shared: set[str], model: str
+    ) -> Iterator[tuple[int, int, str]]:
+        """Whole paths of functions, of packages and of what packages inherit."""
+        modifiers = {at for part in one.parts for at in self._modifier_names(one, part)}
+        typed = dict(self._inherited_types(one)) if self._copied else {}
+        for begin, (end, path) in typed.items():
+            yield one.tokens[begin].start, _behind(one.tokens[end - 1]), path
+        for at in _own(one):
+            token, before, after = one.tokens[at], one.tokens[at - 1].text, one.tokens[at + 1].text
+            path = ""
+            if token.text in packages and before != "." and after == "." and at not in typed:
+                path = self._named(self._package(one, token.text), one)
+            elif token.text in shared and after == "(" and before not in (".", "end"):
+                if at not in modifiers and one.kind != "function":
+                    path = self._function(one, token.text, model)
+            if path and path != token.text:
+                yield token.start, _behind(token), path
+
+    def _element_edits(self, one: _Class) -> Iterator[tuple[int, int, str]]:
+        """Equations in place of connections of a discrete signal to several elements, which are refused."""
+        tokens = one.tokens
+        found: dict[tuple[str, str], list[tuple[int, str]]] = {}
+        for at in _own(one):
+            if tokens[at].text != "connect" or tokens[at + 1].text != "(":
+                continue
+            ends = [tokens[first : last + 1] for first, last in arguments(tokens, at + 1)]
+            for element, other in (ends, ends[::-1]) if len(ends) == 2 else ():
+                if [token.text for token in element[-3::2]] == ["[", "]"]:
+                    key = "".join(token.text for token in element[:-3]), _words(other)
+                    found.setdefault(key, []).append((at, _words(element)))
+        for (vector, signal), places in found.items():
+            if len(places) > 1 and self._builtin(one, vector) in ("Boolean", "Integer"):
+                for at, element in places:
+                    yield tokens[at].start, _behind(tokens[closing(tokens, at + 1)]), f"{element} = {signal}"
+
+    def _outer_edits(self, one: _Class) -> Iterator[tuple[int, int, str]]:
+        """Outer variables of built-in types as parameters, which stand for the inner ones all the same.
+
+        The compiler would ask for an equation for each, too.
+        """
+        for part in one.parts:
+            if part.prefixes == {"outer"} and part.names:
+                if self._builtin(one, one.tokens[part.names[0][0]].text) in ("Real", "Integer", "Boolean"):
+                    start = one.tokens[part.path[0]].start
+                    yield start, start, "parameter "
+
+    def _builtin(self, one: _Class, path: str) -> str:
+        """The built-in type of a component of a class, by its path; "" for another."""
+        words = [""]
+        for name in re.sub(r"\[[^\]]*\]", "", path).split("."):
+            found = self._declared(one, name)
+            if found is None or found[1].owner is not None:
+                return ""
+            words = _path(found[0].tokens, *found[1].path)
+            after = self._resolved(words, found[0].name, {})
+            one = after or found[0]
+        while one.short is not None:
+            words = _path(one.tokens, *one.short.path)
+            after = self._resolved(words, one.name.rpartition(".")[0], {})
+            if after is None:
+                break
+            one = after
+        return words[0]
 
     def _function(self, one: _Class, name: str, model: str) -> str:
         """How a class names a function that it calls; "" if that is none of the sources."""
@@ -1031,6 +1078,12 @@ def _own(one: _Class) -> Iterator[int]:
         at += 1
 
 
+def _last_end(one: _Class) -> int:
+    """The index of the `end` of a class."""
+    ends = (at for at in range(one.end - 1, 0, -1) if one.tokens[at].text == "end")
+    return next(at for at in ends if one.tokens[at + 1].text == one.tokens[one.label].text)
+
+
 def _renamed(one: _Class, name: str, first: int) -> Iterator[tuple[int, int, str]]:
     """Edits that give a class another name, and let nothing replace it; its prefixes begin at `first`."""
     for token in one.tokens[first : one.label]:
@@ -1039,8 +1092,7 @@ def _renamed(one: _Class, name: str, first: int) -> Iterator[tuple[int, int, str
     label = one.tokens[one.label]
     yield label.start, _behind(label), name
     if one.short is None:
-        ends = (at for at in range(one.end, 0, -1) if one.tokens[at - 1].text == "end")
-        token = one.tokens[next(at for at in ends if one.tokens[at].text == label.text)]
+        token = one.tokens[_last_end(one) + 1]
         yield token.start, _behind(token), name
 
 

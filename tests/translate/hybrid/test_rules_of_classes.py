@@ -685,6 +685,37 @@ model M
             "a.y": 3, "b.y": 2
         },
     ),
+    "one discrete signal connected to several elements": (
+        """
+model M
+  connector BI = input Boolean; connector BO = output Boolean; connector II = input Integer;
+  connector IO = output Integer;
+  model S BO y; IO k; parameter Integer n = 3; equation y = time > 0.5; k = if y then n else 1; end S;
+  model A parameter Integer n = 2; BI u[n]; II k[3]; BO y; Integer s; equation y = u[1] and u[n];
+    s = sum(k); end A;
+  model B S s; A a(n = 3); BO y; equation connect(a.y, y); connect(s.y, a.u[1]); connect(s.y, a.u[2]);
+    connect(a.u[3], s.y); connect(s.k, a.k[1]); connect(s.k, a.k[3]); connect(s.k, a.k[2]); end B;
+  B b; B c(s(n = 5)); Real x(start = 0, fixed = true);
+equation
+  der(x) = if b.y then 1 else 0;
+""",
+        {"x": 1.5, "b.a.s": 9, "c.a.s": 15},
+    ),
+    "outer variables of built-in types": (
+        """
+model M
+  type T = Real(unit = "m");
+  model Sub outer T shared; outer Boolean on; Real y = shared + (if on then 1 else 0); end Sub;
+  model Mid inner T shared = 5*time; Sub s; end Mid;
+  partial model Ctl parameter Real ref = 1; Real u; outer Real meas; end Ctl;
+  model P extends Ctl; parameter Real k = 2; equation u = k*(ref - meas); end P;
+  model Plant replaceable P c(ref = 5) constrainedby Ctl(ref = 3);
+    inner Real meas; equation meas = 1; end Plant;
+  inner T shared = time; inner Boolean on = time > 0.5; Sub s; Mid m; Plant plant;
+  Plant other(redeclare P c(k = 10));
+""",
+        {"s.y": 3, "m.s.y": 11, "plant.c.u": 8, "other.c.u": 20},
+    ),
 }  # fmt: skip
 
 
