@@ -87,11 +87,13 @@ def _backlash(t: float, y: Any) -> list[float]:
     return [y[2], y[3], (torque + tau) / 0.01, (-4 * tau - 2 * y[3]) / 0.12]
 
 
+_SHAFT = np.array([[0, 0, 1, 0], [0, 0, 0, 1], [-1000, 1000, -30, 30], [1000 / 3, -1000 / 3, 10, -70 / 3]])
+
+
 def _sampled_control(times: np.ndarray) -> Signals:
     """A motor and a load on a shaft; every 10 ms the load's speed is measured for a controller."""
-    shaft = np.array([[0, 0, 1, 0], [0, 0, 0, 1], [-1000, 1000, -30, 30], [1000 / 3, -1000 / 3, 10, -70 / 3]])
     system = np.zeros((5, 5))
-    system[:4, :4], system[2, 4] = shaft, 10.0
+    system[:4, :4], system[2, 4] = _SHAFT, 10.0
     y, measured, phi, speed = np.zeros(4), 0.0, [], []
     step = expm(system * 0.01)
     places = np.floor(times / 0.01 + 1e-9).astype(int)
@@ -104,6 +106,52 @@ def _sampled_control(times: np.ndarray) -> Signals:
             speed.append(at[3])
         y = (step @ [*y, command])[:4]
     return {"plant.inertia1.phi": np.array(phi), "plant.inertia1.w": np.array(speed)}
+
+
+def _limited_control(k: float, ti: float, td: float, most: float, strongest: float) -> Solution:
+    """As `_sampled_control`, with a limited PID controller (LimPID) and a limited torque that is late by 5 ms."""
+
+    def made(times: np.ndarray) -> Signals:
+        h, late, sampled = 2.5e-5, 200, 400  # [s], steps of the delay and of the sensor
+        system = np.zeros((6, 6))  # the torque is linear within a step
+        system[:4, :4], system[2, 4], system[4, 5] = _SHAFT * h, 10.0 * h, 1.0
+        step = expm(system)
+        y, measured, state, held, found = (
+            np.zeros(4),
+            0.0,
+            np.zeros(2),
+            list[tuple[float, float]](),
+            list[Any](),
+        )
+
+        def command(state: np.ndarray, target: float) -> tuple[float, float]:
+            free = k * (target - measured + state[0] + 10 * (-measured - state[1]))
+            return free, float(np.clip(free, -most, most))
+
+        def slope(state: np.ndarray, target: float) -> np.ndarray:
+            free, limited = command(state, target)
+            windup = (limited - free) / (0.9 * k)
+            return np.array([(target - measured + windup) / ti, (-measured - state[1]) * 10 / td])
+
+        for n in range(int(times[-1] / h) + 2):
+            measured = y[3] if n % sampled == 0 else measured
+            target = 1.0 if n * h % 1.0 < 0.5 - 1e-9 else 0.0
+            found.append((n * h, y[1], y[3]))
+            before = command(state, target)[1]
+            a = slope(state, target)
+            b = slope(state + h / 2 * a, target)
+            c = slope(state + h / 2 * b, target)
+            state = state + h / 6 * (a + 2 * b + 2 * c + slope(state + h * c, target))
+            held.append((before, command(state, target)[1]))
+            first, last = np.clip(held[n - late] if n >= late else (held[0][0],) * 2, -strongest, strongest)
+            y = (step @ [*y, first, last - first])[:4]
+        table = np.array(found).T
+        return {
+            "plant.inertia1.phi": np.interp(times, table[0], table[1]),
+            "plant.inertia1.w": np.interp(times, table[0], table[2]),
+        }
+
+    return made
 
 
 def _ticks(*names: str) -> Solution:
@@ -170,5 +218,8 @@ SOLUTIONS: dict[str, Solution] = {
          "inertia.w": 3}, 1e-4,
     ),
     "Architectures.SensorComparison.Examples.HierarchicalSystem_Variant1": _sampled_control,
+    "Architectures.SensorComparison.Examples.Variant1": _sampled_control,
+    "Architectures.SensorComparison.Examples.Variant2": _limited_control(20, 0.1, 0.1, 15, 10),
+    "Architectures.SensorComparison.Examples.Variant2_tuned": _limited_control(4, 0.07, 0.01, 50, 50),
 }  # fmt: skip
 """By names within the package: signals of a model at ascending times from 0 [s]."""
