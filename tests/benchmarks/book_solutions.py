@@ -109,7 +109,7 @@ def _sampled_control(times: np.ndarray) -> Signals:
 
 
 def _limited_control(k: float, ti: float, td: float, most: float, strongest: float) -> Solution:
-    """As `_sampled_control`, with a limited PID controller (LimPID) and a limited torque that is late by 5 ms."""
+    """As `_sampled_control`, with a limited PID controller (LimPID) and a limited torque, late by 5 ms."""
 
     def made(times: np.ndarray) -> Signals:
         h, late, sampled = 2.5e-5, 200, 400  # [s], steps of the delay and of the sensor
