@@ -35,6 +35,8 @@ _TOGETHER = 64
 _MORE = 12
 # Points around a cluster of roots; powers of their distances over the circle's radius that count as 0.
 _AROUND, _ONE_PLACE = 128, 1e-9
+# On a circle exp(-s delay) changes by no more than this power of e to either side.
+_LATE = 20.0
 # Of systems with more states the instances are reduced to what links see; in blocks of so many rows.
 SMALL = 40
 _BLOCK = 32
@@ -447,9 +449,11 @@ class DelayEquation:
 
     def _power_sums(self, centre: complex, radius: float) -> Complex:
         """Sums over the roots in a circle of ((root - centre)/radius)^m, m from 0 to their number; empty if a
-        root lies on it.
+        root lies on it, or if delays vary too much on it.
         """
         turn = np.arange(_AROUND) / _AROUND
+        if float(self._delays[-1]) * (radius - centre.real) > _LATE:
+            return np.zeros(0, np.complex128)
         s = centre + radius * np.exp(2j * np.pi * turn)
         found = [np.linalg.slogdet(self._matrix(one)) for one in in_parts(s)]
         sign, log = (np.concatenate([one[part] for one in found]) for part in (0, 1))
