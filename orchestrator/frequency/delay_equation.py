@@ -332,9 +332,14 @@ class DelayEquation:
         if not self.states:
             return Modes((), -np.inf)
         for order in _ORDERS:
-            found = self._certified(self.guesses(order), count)
-            if found is not None:
-                return found
+            guesses = self.guesses(order)
+            ordered = guesses[np.argsort(-guesses.real)]
+            clusters = self._clusters(ordered, count + _MORE)
+            # Equal parts have equal roots, too, which Newton's method finds each on its own.
+            for together in [clusters, []] if clusters else [clusters]:
+                found = self._certified(ordered, count, together)
+                if found is not None:
+                    return found
         raise OrchestratorError(
             f"the rightmost roots could not be certified with {_ORDERS[-1]} points a delay\n"
             "  Two may lie on top of one another, as of parts that are there twice."
@@ -370,9 +375,7 @@ class DelayEquation:
         u_of_x = np.linalg.solve(self._loop_at_once, self._at_once @ c + ends)
         return a + into @ (c + self.d @ u_of_x) + b @ u_of_x
 
-    def _certified(self, guesses: Complex, count: int) -> Modes | None:
-        ordered = guesses[np.argsort(-guesses.real)]
-        clusters = self._clusters(ordered, count + _MORE)
+    def _certified(self, ordered: Complex, count: int, clusters: Sequence[_Cluster]) -> Modes | None:
         apart = np.array([all(abs(s - one.root) > one.radius for one in clusters) for s in ordered], bool)
         upper = ordered[apart & (ordered.imag >= -1e-9 * abs(ordered))][: count + _MORE]
         roots: list[complex] = []
