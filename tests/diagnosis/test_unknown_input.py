@@ -19,6 +19,7 @@ from scipy.integrate import solve_ivp
 
 import orchestrator as orc
 from orchestrator.base.errors import ConfigError
+from orchestrator.diagnosis.study.channels import outliers
 from orchestrator.diagnosis.study.player import Player
 from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.study.study import Role
@@ -225,6 +226,34 @@ def test_noise_that_is_larger_than_stated_is_no_law(fmus: Path) -> None:
     found = answer(load_port_study(path))
     assert found.verdict == "none" and found.fitted is None
     assert found.remains == pytest.approx(1.0 / 0.6, rel=0.05)
+
+
+def test_outliers_of_a_log_hide_no_law_and_are_reported(fmus: Path) -> None:
+    path = logged(fmus, lambda x, v: -600.0 * x**3)
+    random = np.random.default_rng(9)
+    for name in "abc":
+        table = np.loadtxt(fmus / f"{name}.csv", delimiter=",", skiprows=1)
+        rows = random.choice(np.arange(30, len(table) - 30), 8, replace=False)
+        table[rows, 2] = random.choice([0.0, 2.0], 8)
+        header = "time [s],f [N],x [m]"
+        np.savetxt(fmus / f"{name}.csv", table, delimiter=",", header=header, comments="", fmt="%.9g")
+    found = answer(load_port_study(path))
+    assert found.verdict == "law" and found.fitted is not None
+    assert [one.law.name for one in found.fitted.laws] == ["cubic stiffness"]
+    assert [one.split(" rows")[0][:2] for one in found.remarks if "outliers" in one] == ["a:", "b:", "c:"]
+
+
+def test_outliers_are_no_tips_of_an_oscillation_nor_steps() -> None:
+    random, time = np.random.default_rng(2), np.arange(2000)
+    calm = 0.01 * random.standard_normal(2000)
+    steps, tips = np.sign(np.sin(time / 150.0)), np.cos(time * 0.9) ** 5
+    bursts = np.where(time % 400 < 40, tips, 0.0)
+    for signal in (steps, tips, bursts):
+        assert not outliers(signal + calm, 0.01).any()
+    rows = np.array([100, 400, 401, 402, 1300, 1302, 1800])
+    away = steps + calm
+    away[rows] += 3.0
+    assert np.flatnonzero(outliers(away, 0.01)).tolist() == rows.tolist()
 
 
 def test_a_small_law_that_held_out_runs_contradict_is_none(fmus: Path) -> None:

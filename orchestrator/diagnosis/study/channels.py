@@ -1,4 +1,4 @@
-"""Clipped and frozen channels of logs; duplicate logs."""
+"""Clipped and frozen channels of logs, outliers; duplicate logs."""
 
 from __future__ import annotations
 
@@ -7,17 +7,23 @@ from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...base.errors import Problem
 from .study import Array
 
-__all__ = ["Stuck", "clipped", "frozen", "logged_twice"]
+__all__ = ["Stuck", "clipped", "frozen", "logged_twice", "outliers"]
 
 # A value that stands still for so many rows, while the channel moves elsewhere, is frozen; number of places
 # reported.
 _FROZEN, _STRETCHES = 60, 3
 # So many rows in succession at the highest or lowest value, and so many times as many as just below it.
 _PILED, _PILE = 8, 4
+
+# Rows on each side that an outlier is held against, how many of both sides may be outliers too, and the
+# largest share of outliers. One lies so many times the noise away from the others, which differ by a share of
+# that, as do nine of ten rows of so many on each side: tips of an oscillation do not lie alone.
+_SIDE, _OTHERS, _FEW, _FAR, _BACK, _WIDE, _TIPS = 5, 4, 0.05, 10.0, 0.35, 25, 0.1
 
 _CLIPPED = "Raise the range of the channel; if this is the sensor's own, the verdict counts it as an effect."
 _STOPPED = "The channel stopped; leave the run out, or log it again."
@@ -67,6 +73,28 @@ def frozen(values: Array) -> list[Stuck]:
             what = f"row {row} ({values[row]:.9g}): frozen for {length} rows"
             found.append(Stuck(what, _STOPPED, row, row + length))
     return found
+
+
+def outliers(values: Array, noise: float) -> NDArray[np.bool_]:
+    """Rows that jump away from the rows around them and back at once, as no machine does, shape (n,).
+
+    Args:
+        noise: standard deviation.
+    """
+    found = np.zeros(len(values), np.bool_)
+    if len(values) <= 2 * (_SIDE + _WIDE):
+        return found
+    rows = np.lib.stride_tricks.sliding_window_view(values, 2 * _SIDE + 1)
+    around = np.delete(rows, _SIDE, axis=1)
+    sides = np.median(around.reshape(-1, 2, _SIDE), axis=2)
+    away = np.maximum(rows[:, _SIDE] - sides.max(1), sides.min(1) - rows[:, _SIDE])
+    distance = np.abs(around - np.median(around, axis=1)[:, None])
+    spread = np.ptp(sides, axis=1) + np.sort(distance, axis=1)[:, -_OTHERS - 1]
+    wide = np.lib.stride_tricks.sliding_window_view(np.pad(away, _WIDE, mode="reflect"), 2 * _WIDE + 1)
+    alone = np.quantile(wide, 0.9, axis=1) < _TIPS * away
+    found[_SIDE:-_SIDE] = (away > _FAR * noise) & (spread < _BACK * away) & alone
+    # More of them are the signal's own, as of a machine that knocks.
+    return found if np.mean(found) <= _FEW else np.zeros_like(found)
 
 
 def _runs(values: Array) -> tuple[Array, Array]:

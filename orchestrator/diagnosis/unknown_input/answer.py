@@ -21,7 +21,7 @@ from .played import PlayedModel
 from .polish import Polished
 from .search import Search
 from .separate import Experiment, Simulable, separating
-from .thinning import thinned
+from .thinning import thinned, without_outliers
 
 __all__ = ["Answer", "answer"]
 
@@ -85,12 +85,15 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
     # With many small matrices, threads of BLAS wait for one another.
     with threadpool_limits(1), _model(study) as model:
         progress("calibration")
+        model.study, left_out = without_outliers(model)
+        study = model.study
         model.study = thinned(model)
         search = Search(Runs(model, model.study.of(Role.TRAIN, Role.VALIDATION)), progress)
         weighed = search.weighed(search.searched())
         chosen = simplest(search, weighed)
         progress("judgement")
-        return replace(_judged(study, model, search, weighed, chosen), seconds=perf_counter() - begin)
+        made = _judged(study, model, search, weighed, chosen)
+        return replace(made, remarks=[*left_out, *made.remarks], seconds=perf_counter() - begin)
 
 
 def _model(study: PortStudy) -> StateModel:

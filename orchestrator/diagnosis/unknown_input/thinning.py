@@ -1,22 +1,49 @@
-"""Thin out logs that are sampled much faster than the system moves."""
+"""Leave outliers of logs out; thin out logs that are sampled much faster than the system moves."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..study.channels import outliers
 from ..study.study import PortStudy, Role
 from .model import StateModel
 from .places import Runs
 from .polish import Replays
 
-__all__ = ["thinned"]
+__all__ = ["thinned", "without_outliers"]
 
 Array = NDArray[np.float64]
 # Samples that are enough for a search, and noises by which simulations with fewer may differ.
 _ENOUGH, _SAME_SIMULATION = 3000, 0.1
+
+
+def without_outliers(model: StateModel) -> tuple[PortStudy, list[str]]:
+    """The study with NaN in place of outliers of compared logs, and a remark for each log that has some.
+
+    They are looked for in what the configured model misses, which holds less of the machine's own motion.
+    """
+    study, runs, remarks = model.study, [], []
+    replays = Replays(Runs(model, study.runs), ())
+    for index, (run, start) in enumerate(zip(study.runs, replays.starts, strict=True)):
+        found, logs = replays.found(index, start, model.nominal), dict(run.logs)
+        for k, port in enumerate(model.compared):
+            if port not in logs or port in model.fed:
+                continue
+            noise = float(model.noise[k])
+            away = outliers(logs[port] - found[:, k], noise)
+            if rows := np.flatnonzero(away).tolist():
+                remarks.append(
+                    f"{run.name}: {port}: {len(rows)} of {len(away)} rows are outliers, first row {rows[0]} "
+                    f"({logs[port][rows[0]]:.6g} {study.unit(port)}): they jump away and back at once. They "
+                    "are not compared. Look for drop-outs of the sensor, its cable and the logger."
+                )
+                logs[port] = np.where(away, np.nan, logs[port])
+        runs.append(replace(run, logs=logs))
+    return replace(study, runs=tuple(runs)) if remarks else study, remarks
 
 
 def thinned(model: StateModel) -> PortStudy:
