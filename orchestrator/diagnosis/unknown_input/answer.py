@@ -30,7 +30,8 @@ _SMALL = 0.05
 # Learned on random systems (`orchestrator challenge --random 6000 --count 60`): how often answers were wrong
 # that leave at most so many times the noise on held-out runs; or more than that.
 _NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR = 1.5, 0.041, 0.53
-# Largest probability of an answer that held-out runs contradict.
+# Probability that the library lacks what is missing. On random systems more of these verdicts are right, but
+# machines that lack several laws at once get them too.
 _OUTSIDE = 0.6
 # Least share of the gap that the nearest laws close on held-out runs to be stated.
 _HINT = 0.1
@@ -44,7 +45,7 @@ class Answer:
 
     Attributes:
         verdict: "none", "law", or "outside": something that no law of the library explains.
-        fitted: the laws of the answer, or the nearest ones. probability: of them.
+        fitted: the laws of the answer, or the nearest ones. probability: of the verdict.
         rivals: others with their probabilities, best first. twins: laws that act the same on these logs.
         experiments: that separate the answer from these.
         parameters: calibrated, by name: value and standard deviation; those of the model alone, if no law.
@@ -128,8 +129,6 @@ def _judged(
     probability, rivals = rivals_of(search, weighed, chosen, 1.0 - wrong)
     if verdict == "none" and best.laws:
         best, probability, rivals = search.nothing, 1.0 - wrong, []
-    if verdict == "outside":
-        probability = min(probability, _OUTSIDE)
     constants = best.constants if verdict == "law" else (search.base.constants, search.base.covariance)
     values, variances = constants[0], np.abs(np.diag(constants[1]))
     parameters = {
@@ -144,7 +143,7 @@ def _judged(
         named, hint = _nearest(held, weighed, calibrated.remains)
         remarks += hint
     twins = [two for one in best.laws for two in search.twins.get(one.name, [])]
-    probability *= share_among(best, search.twins)
+    probability = _OUTSIDE if verdict == "outside" else probability * share_among(best, search.twins)
     places, estimate = _estimate(search) if verdict == "outside" and model.filters else ([], None)
     remains = judged.remains if verdict == "law" else calibrated.remains
     units = {str(port): study.unit(port) for port in (*model.states, *model.inputs, *model.outputs)}

@@ -113,7 +113,7 @@ def _family(found: Answer) -> float:
     def kinds(one: Fitted) -> list[tuple[str, int]]:
         return sorted((law.law.family, law.place.component) for law in one.laws)
 
-    if found.fitted is None:
+    if found.fitted is None or found.verdict != "law":
         return found.probability
     same = sum(chance for one, chance in found.rivals if kinds(one) == kinds(found.fitted))
     return min(1.0, found.probability + same)
