@@ -60,6 +60,10 @@ class Problem:
         return f"{head}\n" + "\n".join(f"  {line}" for line in tail.splitlines())
 
 
+# Characters of an explanation from which on it is printed for the first of several problems only.
+_LONG = 240
+
+
 class ConfigError(OrchestratorError):
     """A config or a system of connected FMUs that cannot be run; holds all problems found.
 
@@ -75,7 +79,13 @@ class ConfigError(OrchestratorError):
         self.problems: tuple[Problem, ...] = tuple(problems)
         self.unchecked: tuple[str, ...] = tuple(dict.fromkeys(unchecked))
         self.notes: tuple[str, ...] = tuple(notes)
-        lines = [str(problem) for problem in self.problems]
+        lines, known = list[str](), set[str]()
+        for problem in self.problems:
+            head, _, tail = str(problem).partition("\n")
+            lines.append(head if tail in known else f"{head}\n{tail}".rstrip("\n"))
+            # A long list of what is allowed is printed once.
+            if len(tail) > _LONG:
+                known.add(tail)
         if self.unchecked:
             lines.append(f"Not checked because of these problems: {'; '.join(self.unchecked)}.")
         super().__init__("\n".join(lines))

@@ -27,3 +27,12 @@ def test_an_error_comes_from_another_process_as_it_was(error):
     assert type(sent) is type(error)
     assert str(sent) == str(error)
     assert vars(sent) == vars(error)
+
+
+def test_a_long_list_of_what_is_allowed_is_printed_once():
+    many, few = "bundled FMUs: " + ", ".join(f"Fmu{k}" for k in range(60)), "a number"
+    error = ConfigError([Problem(f"x.yaml:{k}", "no file", tail) for tail in (many, few) for k in (1, 2)])
+    assert str(error).splitlines() == [
+        "x.yaml:1: no file", f"  {many}", "x.yaml:2: no file",
+        "x.yaml:1: no file", f"  {few}", "x.yaml:2: no file", f"  {few}",
+    ]  # fmt: skip

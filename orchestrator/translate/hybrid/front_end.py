@@ -23,7 +23,7 @@ from ..flatten import called_partial, flatten, message_of, syntax_faults
 from ..lexer import tokenise
 from ..redeclared import refuse_repeated_redeclarations
 from ..sources import SourceTree, Spans, library_texts
-from ..specialised import specialised, told_apart
+from ..specialised import specialised, specialised_library
 from . import adapted as rules
 from .adapted import ANY, ANY_MODEL, Objects, Section, Sections, adapted, class_texts, external_objects
 from .buses import refuse_unknown_members, types_of_members, with_members
@@ -283,7 +283,7 @@ def _adapted_library(
     objects = external_objects(texts.values())
     if not kept.is_dir():
         found: Sections | None = None if sections is None else {}
-        texts = told_apart(texts, f"{library.as_posix()}/", library)
+        texts = specialised_library(texts, f"{library.as_posix()}/", library)
         with tempfile.TemporaryDirectory(dir=kept.parent) as scratch:
             for path, text in texts.items():
                 target = Path(scratch) / "root" / path
