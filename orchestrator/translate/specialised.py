@@ -2,7 +2,7 @@
 
 rumoca 0.10.2 takes some classes for others, silently. Of two levels of redeclarations it keeps the inner one.
 It mixes up packages of components, constants of packages with a common base, and functions of equal names. It
-forgets modifiers of a redeclared class, and those of a base beside those of its heir.
+forgets modifiers of a redeclared class, and those of a base beside those of a class that extends it.
 
 Here `S s(redeclare B part(k = 2))` becomes `S_adapted1 s(part(k = 2))`, where `S_adapted1` is a copy of S
 whose `part` is a B. What concerns elements that classes of libraries declare stays.
@@ -51,7 +51,7 @@ def _texts(
 ) -> dict[str, str]:
     texts = dict(items)
     if any(_CONCERNED.search(text) for text in texts.values()):
-        texts = _Sources(texts, label, libraries, copied).written()
+        texts = SpecialisedClasses(texts, label, libraries, copied).specialised_texts()
     if any(_NAMED.search(text) for text in texts.values()):
         texts = WholePaths(texts, label, libraries, copied).with_whole_paths(model)
     return texts
@@ -76,10 +76,11 @@ def specialised_library(texts: dict[str, str], label: str, library: Path) -> dic
     return _texts(tuple(texts.items()), label, "", (library,), False)
 
 
-class _Sources(DeclaredClasses):
+class SpecialisedClasses(DeclaredClasses):
     """Sources whose redeclared elements become copies of their classes."""
 
-    def written(self) -> dict[str, str]:
+    def specialised_texts(self) -> dict[str, str]:
+        """The texts by file, with the copies beside their classes."""
         edits: dict[str, list[tuple[int, int, str]]] = {}
         for one in self._top:
             edits.setdefault(one.file, []).extend(self._edits(one, {}))
@@ -94,8 +95,8 @@ class _Sources(DeclaredClasses):
                         edits[one.file].append((place, place, f" {' '.join(texts)} {line_mark(line)}"))
         return {file: edited(text, edits.get(file, ())) for file, text in self._texts.items()}
 
-    def _wanted(self, one: DeclaredClass, opening: int, changes: Changes) -> Changes:
-        """What a bracket of modifiers redeclares, in the scope of a class some of whose elements change."""
+    def _redeclarations(self, one: DeclaredClass, opening: int, changes: Changes) -> Changes:
+        """The redeclarations in a bracket of modifiers, in the scope of a class with changes."""
         found: Changes = {}
         tokens = one.tokens
         for first, last in arguments(tokens, opening) if opening >= 0 else ():
@@ -111,10 +112,10 @@ class _Sources(DeclaredClasses):
             behind = path_end(tokens, at)
             if one.kind == "package" and self._copied and behind == at + 1 and tokens[behind].text == "=":
                 # Of packages with a common base the compiler would take the constants of one for all.
-                value = self._said(tokens[behind : last + 1], one)
+                value = self._with_whole_paths(tokens[behind : last + 1], one)
                 found[tokens[at].text] = Replacement(value, "value")
             if behind > at and tokens[behind].text == "(":
-                inner = self._wanted(one, behind, changes)
+                inner = self._redeclarations(one, behind, changes)
                 for name in reversed(path_of(tokens, at, behind)) if inner else ():
                     inner = {name: Replacement("", "", tuple(inner.items()))}
                 found = _merged(found, inner)
@@ -129,21 +130,21 @@ class _Sources(DeclaredClasses):
             if tokens[at + 2].text != "=":
                 return None
             behind = path_end(tokens, at + 3)
-            path = self._target(one, (at + 3, behind), changes)
+            path = self._absolute_path(one, (at + 3, behind), changes)
             if path is None or tokens[behind].text == "[":
                 return None
             if tokens[behind].text == "(":
                 path = self._wrapped(one, tokens[at].text, path, behind, changes)
             return tokens[at + 1].text, Replacement(path, tokens[at].text)
         behind = path_end(tokens, at)
-        path = self._target(one, (at, behind), changes)
+        path = self._absolute_path(one, (at, behind), changes)
         if path is None or tokens[behind].kind != "name" or words & {"inner", "outer", "flow", "stream"}:
             return None
         opening = closing(tokens, behind + 1) + 1 if tokens[behind + 1].text == "[" else behind + 1
-        inner = self._wanted(one, opening if tokens[opening].text == "(" else -1, changes)
+        inner = self._redeclarations(one, opening if tokens[opening].text == "(" else -1, changes)
         return tokens[behind].text, Replacement(path, "component", tuple(inner.items()))
 
-    def _target(self, one: DeclaredClass, place: tuple[int, int], changes: Changes) -> str | None:
+    def _absolute_path(self, one: DeclaredClass, place: tuple[int, int], changes: Changes) -> str | None:
         """A path that means the same in every class; None if there is none."""
         path = path_of(one.tokens, *place)
         found = self._resolved(path, one.name, changes)
@@ -165,12 +166,12 @@ class _Sources(DeclaredClasses):
     def _wrapped(self, one: DeclaredClass, kind: str, path: str, opening: int, changes: Changes) -> str:
         """A class that extends another with modifiers, within the class where these stand."""
         base = self._absolute(path)
-        wanted = self._pruned(base, self._wanted(one, opening, changes))
-        text = self._stripped(one, opening, wanted, {}, changes)
+        wanted = self._applicable(base, self._redeclarations(one, opening, changes))
+        text = self._remaining_modifiers(one, opening, wanted, {}, changes)
         path = self._copy(base, wanted) if base is not None and wanted else path
-        return self._heir(one, kind, path, text, one.tokens[opening].line)
+        return self._extended_class(one, kind, path, text, one.tokens[opening].line)
 
-    def _heir(self, one: DeclaredClass, kind: str, path: str, text: str, number: int) -> str:
+    def _extended_class(self, one: DeclaredClass, kind: str, path: str, text: str, number: int) -> str:
         """The path of a class, in another or beside it, that extends one with modifiers of a line."""
         name = f"{path.rpartition('.')[2]}{COPIED}{len(self._copies) + 1}"
         inside = one.short is None and one.kind != "record"
@@ -185,7 +186,7 @@ class _Sources(DeclaredClasses):
             self._read(written, "", tokenise(written, name), scope)[0].beside = host
         return self._copies[key]
 
-    def _pruned(self, one: DeclaredClass | None, wanted: Changes) -> Changes:
+    def _applicable(self, one: DeclaredClass | None, wanted: Changes) -> Changes:
         """Those changes that concern replaceable elements of a class's own sources."""
         found: Changes = {}
         for name, new in wanted.items() if one is not None and not self._is_foreign(one) else ():
@@ -202,11 +203,11 @@ class _Sources(DeclaredClasses):
                 if not part.prefixes & {"replaceable", "redeclare"}:
                     continue
                 target = self._absolute(new.path)
-                inner = self._pruned(target, dict(new.inner))
+                inner = self._applicable(target, dict(new.inner))
                 found[name] = replace(new, inner=tuple(inner.items()))
             elif part.owner is None:
                 target = self._resolved(path_of(owner.tokens, *part.path), owner.name, {})
-                if inner := self._pruned(target, dict(new.inner)):
+                if inner := self._applicable(target, dict(new.inner)):
                     found[name] = replace(new, inner=tuple(inner.items()))
         return found
 
@@ -242,7 +243,7 @@ class _Sources(DeclaredClasses):
         if one.short is not None:
             yield from self._base_edits(one, one.short, changes, {})
             return
-        own, texts = self._of_body(one, changes)
+        own, texts = self._body_redeclarations(one, changes)
         for part in one.parts:
             names = {one.tokens[at].text for at, _ in part.names}
             if part.owner is not None:
@@ -268,7 +269,7 @@ class _Sources(DeclaredClasses):
                 else:
                     yield from self._edits(part.owner, {})
 
-    def _of_body(self, one: DeclaredClass, changes: Changes) -> tuple[Changes, dict[str, str]]:
+    def _body_redeclarations(self, one: DeclaredClass, changes: Changes) -> tuple[Changes, dict[str, str]]:
         """Elements that a class redeclares of its bases in its body, and the modifiers of those."""
         found: Changes = {}
         texts: dict[str, str] = {}
@@ -293,16 +294,20 @@ class _Sources(DeclaredClasses):
             if new is None:
                 continue
             name = new[0]
-            if any(base and self._pruned(base[1], {name: new[1]}) for base in self._bases_of(one, changes)):
+            if any(
+                base and self._applicable(base[1], {name: new[1]}) for base in self._bases_of(one, changes)
+            ):
                 found[name] = new[1]
                 if part.names and name not in changes:
                     at, opening = part.names[0]
-                    wanted = self._pruned(self._absolute(new[1].path), dict(new[1].inner))
+                    wanted = self._applicable(self._absolute(new[1].path), dict(new[1].inner))
                     behind = closing(one.tokens, opening) + 1 if opening >= 0 else at + 1
                     value = " ".join(
                         token.text for token in one.tokens[behind : part.end] if token.kind != "string"
                     )
-                    brackets = self._stripped(one, opening, wanted, {}, changes) if opening >= 0 else ""
+                    brackets = (
+                        self._remaining_modifiers(one, opening, wanted, {}, changes) if opening >= 0 else ""
+                    )
                     if brackets or value.startswith("="):
                         texts[name] = f"{name}{brackets} {value if value.startswith('=') else ''}"
         return found, texts
@@ -318,10 +323,10 @@ class _Sources(DeclaredClasses):
         """What changes of an extends clause, or of a definition by `=`."""
         tokens = one.tokens
         base = next((found[1] for found in self._bases_of(one, changes) if found and found[0] is part), None)
-        wanted = self._pruned(base, _merged(self._wanted(one, part.opening, changes), own))
+        wanted = self._applicable(base, _merged(self._redeclarations(one, part.opening, changes), own))
         mine = {name for name in changes if one.short is None and self._is_own(one, name)}
         outer = {name: new for name, new in changes.items() if name not in mine or name in own}
-        outer = self._pruned(base, outer)
+        outer = self._applicable(base, outer)
         all_of = _merged(wanted, outer)
         begin, end = part.path
         if base is not None and all_of:
@@ -330,7 +335,9 @@ class _Sources(DeclaredClasses):
         added = [text for name, text in (texts or {}).items() if name in wanted]
         if part.opening >= 0:
             last = closing(tokens, part.opening)
-            text = self._completed(self._stripped(one, part.opening, wanted, outer, changes, added), base)
+            text = self._completed(
+                self._remaining_modifiers(one, part.opening, wanted, outer, changes, added), base
+            )
             if _words_alone(text) != _words_alone(words_of(tokens[part.opening : last + 1])):
                 yield tokens[part.opening].start, text_end(tokens[last]), text
         elif added:
@@ -345,32 +352,32 @@ class _Sources(DeclaredClasses):
         given = modifiers_of(tokens, 0, words_of)
         more = False
         for name, one in given.inner.items():
-            known = self._given(base, name) if one.inner and name != one.value else Modifiers()
+            known = self._declared_modifiers(base, name) if one.inner and name != one.value else Modifiers()
             for inner, two in one.inner.items():
                 if two.inner and inner in known.inner:
                     more |= complete(two, known.inner[inner])
         return written(given) if more else text
 
-    def _given(self, one: DeclaredClass, name: str, depth: int = 0) -> Modifiers:
-        """What a class gives an element, own or inherited, in words that its heirs understand."""
+    def _declared_modifiers(self, one: DeclaredClass, name: str, depth: int = 0) -> Modifiers:
+        """The modifiers of an element in a class and its bases, with paths that derived classes find."""
         found = Modifiers()
 
-        def said(tokens: Sequence[Token]) -> str:
-            return self._said(tokens, one)
+        def with_whole_paths(tokens: Sequence[Token]) -> str:
+            return self._with_whole_paths(tokens, one)
 
         for part in one.parts:
             for at, opening in part.names:
                 if one.tokens[at].text == name:
-                    return modifiers_of(one.tokens, opening, said) if opening >= 0 else found
+                    return modifiers_of(one.tokens, opening, with_whole_paths) if opening >= 0 else found
         for base in self._bases_of(one, {}) if depth < 50 else ():
             if base is not None and self._declared(base[1], name):
                 opening = base[0].opening
                 if opening >= 0:
-                    found = modifiers_of(one.tokens, opening, said).inner.get(name, found)
-                complete(found, self._given(base[1], name, depth + 1))
+                    found = modifiers_of(one.tokens, opening, with_whole_paths).inner.get(name, found)
+                complete(found, self._declared_modifiers(base[1], name, depth + 1))
         return found
 
-    def _said(self, tokens: Sequence[Token], one: DeclaredClass) -> str:
+    def _with_whole_paths(self, tokens: Sequence[Token], one: DeclaredClass) -> str:
         """The text of a value, in which classes and constants around a class have their whole paths."""
         texts = []
         for at, token in enumerate(tokens):
@@ -417,18 +424,18 @@ class _Sources(DeclaredClasses):
                 target, path = self._absolute(new.path), new.path
                 if part.constrained >= 0:
                     used = part.opening
-            wanted = self._wanted(one, used, changes)
+            wanted = self._redeclarations(one, used, changes)
             inner = dict(new.inner) if new is not None else {}
-            outer = self._pruned(target, inner)
-            own = self._pruned(target, wanted)
+            outer = self._applicable(target, inner)
+            own = self._applicable(target, wanted)
             if all_of := _merged(own, outer):
                 assert target is not None
                 path = self._copy(target, all_of)
-            brackets = self._stripped(one, used, own, outer, changes) if used >= 0 else ""
+            brackets = self._remaining_modifiers(one, used, own, outer, changes) if used >= 0 else ""
             if (
                 new is None or new.kind != "component"
             ) and part.opening >= 0:  # also of the type that constrains it
-                brackets = self._joined(one, opening, brackets, part.opening, changes)
+                brackets = self._joined_modifiers(one, opening, brackets, part.opening, changes)
             behind = closing(tokens, opened) + 1 if opened >= 0 else at + 1
             end = part.names[number + 1][0] - 1 if number + 1 < len(part.names) else part.end
             if part.constrained >= 0 and number + 1 == len(part.names):
@@ -441,8 +448,8 @@ class _Sources(DeclaredClasses):
             rest = words_of(tokens[behind:end])
             held = words_of(tokens[opening : closing(tokens, opening) + 1]) if opening >= 0 else ""
             plain = used == opening >= 0 and not rest.startswith("=") and "[" not in (*dimensions, *name)
-            if plain and target is not None and (heir := self._record(one, part, target, name, brackets)):
-                path, brackets = heir, ""
+            if plain and target is not None and (derived := self._record(one, part, target, name, brackets)):
+                path, brackets = derived, ""
             same &= not path and _words_alone(brackets) == _words_alone(held)
             path = self._named(path, one)
             if new is not None and new.kind == "value":
@@ -470,7 +477,7 @@ class _Sources(DeclaredClasses):
     def _record(
         self, one: DeclaredClass, part: ClassPart, target: DeclaredClass, name: str, brackets: str
     ) -> str:
-        """A type in place of a record's modifiers, which the compiler would keep where heirs bind all of it.
+        """A type in place of a record's modifiers, kept by the compiler where derived classes bind all of it.
 
         Returns: its path; "" where none binds it, or the modifiers need components of the class.
         """
@@ -489,9 +496,13 @@ class _Sources(DeclaredClasses):
         ):
             return ""
         line = one.tokens[part.first].line
-        return self._heir(one, "record", f".{target.name}", self._said(tokens[:-1], one), line)
+        return self._extended_class(
+            one, "record", f".{target.name}", self._with_whole_paths(tokens[:-1], one), line
+        )
 
-    def _joined(self, one: DeclaredClass, opening: int, brackets: str, other: int, changes: Changes) -> str:
+    def _joined_modifiers(
+        self, one: DeclaredClass, opening: int, brackets: str, other: int, changes: Changes
+    ) -> str:
         """Modifiers, with those of another bracket for elements that they do not name."""
         tokens = one.tokens
 
@@ -510,7 +521,7 @@ class _Sources(DeclaredClasses):
         held = brackets[1:-1].strip()
         return f"({', '.join(part for part in (held, *more) if part)})"
 
-    def _stripped(
+    def _remaining_modifiers(
         self,
         one: DeclaredClass,
         opening: int,
@@ -551,7 +562,7 @@ class _Sources(DeclaredClasses):
                 inner = ""
                 if tokens[behind].text == "(" and behind <= last:
                     further = dict(outer[name].inner) if name in outer else {}
-                    inner = self._stripped(one, behind, dict(done[name].inner), further, changes)
+                    inner = self._remaining_modifiers(one, behind, dict(done[name].inner), further, changes)
                     behind = closing(tokens, behind) + 1
                 value = ""
                 if behind <= last and tokens[behind].text == "=":
@@ -571,7 +582,7 @@ class _Sources(DeclaredClasses):
             if len(names) == 1 and names[0] in done and done[names[0]].kind == "value":
                 continue
             if behind > at and tokens[behind].text == "(" and mine:
-                inner = self._stripped(one, behind, mine, further, changes)
+                inner = self._remaining_modifiers(one, behind, mine, further, changes)
                 behind = closing(tokens, behind) + 1
                 value = words_of(tokens[behind : last + 1])
                 if inner or value:
