@@ -223,6 +223,16 @@ class _Reader(Values):
             made = one.name.rpartition(".")[2].startswith(MARK)
             if (attributes.get("evaluable") or made) and one.role == "parameter":
                 one.role, one.binding = "dependent", one.start
+        # Initial equations may have another solution, such as 0, outside the range of a parameter.
+        for key, relation, sign in (("min", "ge", -1.0), ("max", "le", 1.0)):
+            if attributes.get(key) is not None and any(one.role == "free" for one in ours):
+                limits = self._flat(attributes[key], len(ours))
+                for one, symbol, limit in zip(ours, places.ravel(), limits, strict=True):
+                    if limit.op == "num":
+                        value = limit.args[0]
+                        limit = ex.number(value + sign * 1e-9 * max(1.0, abs(value)))
+                    what = f"initialisation finds {one.name} beyond its {key}; give it another start value"
+                    self._needs.append((ex.logical(relation, symbol, limit), what))
 
     # Equations and events
 

@@ -92,3 +92,25 @@ end M;
     assert found["w"][-1] == pytest.approx(6 * math.exp(-1 / 5), rel=1e-6)
     with pytest.raises(BuildError, match="start value of w must not have fixed=true, since it is off by 1"):
         made(tmp_path, text.replace("start=6", "start=5"))
+
+
+@pytest.mark.parametrize("start", (0.01, 2))
+def test_a_calculated_parameter_stays_within_its_range(tmp_path, start):
+    """Of the two solutions 0 and 1 the range has the second only."""
+    text = f"""
+model M
+  parameter Real a(min=0.1, max=3, fixed=false, start={start});
+  Real x(start=1, fixed=true);
+initial equation
+  a*(a - 1) = 0;
+equation
+  der(x) = -a*x;
+end M;
+"""
+    fmu, lines = made(tmp_path, text), []
+    if start == 2:
+        assert run(fmu, 1.0, 0.5, "x")["x"][-1] == pytest.approx(math.exp(-1), rel=1e-6)
+        return
+    with pytest.raises(Exception, match="failed with status 3"):
+        run(fmu, 1.0, 0.5, "x", logger=lambda *one: lines.append(one[-1].decode()))
+    assert any("initialisation finds a beyond its min" in one for one in lines)
