@@ -310,8 +310,15 @@ def _linearised(
                 inner[one.name], unknown = inner_delays(one, part, values, prepared)
                 notes += [_inner_note(one, part, each) for each in inner[one.name]]
                 notes += [f"{one.name}: {unknown}"] if unknown else []
-            for name in inputs:
-                find_late_input(here[0], part, name, values, here[1], hidden, notes, problems)
+            idle = [
+                name for name in inputs
+                if find_late_input(here[0], part, name, values, here[1], hidden, notes, problems)
+            ]  # fmt: skip
+            if idle:
+                notes.append(
+                    f"{one.name}: nothing depends on {listed(idle)} at the operating point, as in an open "
+                    "contact; loops through them are left open. --at-time takes a time of the run instead"
+                )
     chains, wrong = chains_of(system.connections, notes)
     if problems or wrong:
         raise ConfigError([*problems, *wrong])

@@ -47,20 +47,24 @@ def find_late_input(
     hidden: dict[str, LateInput],
     notes: list[str],
     problems: list[Problem],
-) -> None:
-    """An input that acts on nothing at once: the delay that it stands behind, or why there is none."""
+) -> bool:
+    """An input that acts on nothing at once: the delay that it stands behind, or why there is none.
+
+    Returns: whether it acts on nothing later, either.
+    """
     if acts(part, name):
-        return
+        return False
     found = _measured(one, part, name, values, prepared)
     if found == "idle":
-        notes.append(f"{one.name}.{name} acts on nothing at the start; it is left open")
-    elif isinstance(found, str):
+        return True
+    if isinstance(found, str):
         what = f"at the operating point input {name} changes no output and no state's derivative at once"
         between = "an inactive part of the model, as an open contact, a delay or a sample lies between"
         problems.append(Problem(one.name, f"{what}: {between}; {found}", "", MEASURE))
     else:
         hidden[f"{one.name}.{name}"] = found
         notes.append(f"{one.name}.{name} acts after a delay of {found.delay:.9g} s within the FMU (measured)")
+    return False
 
 
 def _measured(
