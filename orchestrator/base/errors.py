@@ -60,7 +60,7 @@ class Problem:
         return f"{head}\n" + "\n".join(f"  {line}" for line in tail.splitlines())
 
 
-# Characters of an explanation from which on it is printed for the first of several problems only.
+# An explanation of more characters is printed for the first of several problems only.
 _LONG = 240
 
 

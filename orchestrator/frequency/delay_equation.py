@@ -59,7 +59,7 @@ class Link(NamedTuple):
 
 
 class _Cluster(NamedTuple):
-    """Roots that are not told from one of several times.
+    """Roots that cannot be distinguished from one multiple root.
 
     Attributes:
         root: their mean; times: their number.
@@ -414,7 +414,7 @@ class DelayEquation:
         return None
 
     def _clusters(self, ordered: Complex, count: int) -> list[_Cluster]:
-        """Multiple roots: guesses that lie together and apart from all others, of which P(s) shows one place.
+        """Multiple roots: guesses that lie together and apart from all others. P(s) shows one place for them.
 
         A root of k times moves by the k-th root of a rounding error, so that neither guesses nor Newton's
         method find it. log det P(s) around it does: without k log(s - c), its powers that are negative are

@@ -165,7 +165,7 @@ class DelaySystem(DelayEquation):
     def _each(self, s: Complex) -> dict[str, Complex]:
         """`_opened` of every connection with one target on its own, by one factorisation of the closed loop.
 
-        Where 1 is added to an input, it becomes S = 1/(1 + L), of which -L S comes back.
+        Where 1 is added to an input, it becomes S = 1/(1 + L), and -L S comes back.
         """
         owned: dict[str, list[Link]] = {}
         for link in self.links:

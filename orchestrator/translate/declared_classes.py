@@ -314,6 +314,11 @@ class DeclaredClasses:
                         return found
         return None
 
+    def _aliased(self, one: DeclaredClass) -> DeclaredClass | None:
+        """The class that a definition by `=` names; None if it is no own one."""
+        assert one.short is not None
+        return self._resolved(path_of(one.tokens, *one.short.path), one.name.rpartition(".")[0], {})
+
     def _bases_of(
         self, one: DeclaredClass, changes: Changes
     ) -> Iterator[tuple[ClassPart, DeclaredClass] | None]:

@@ -89,7 +89,7 @@ class SpecialisedClasses(DeclaredClasses):
             if one.file in self._texts and (one.beside or one.within):
                 for where, texts in ((one.end, one.beside), (one.body - 1, one.within)):
                     token = one.tokens[where]
-                    place = token.start + len(token.text)
+                    place = text_end(token)
                     if texts:
                         line = token.line + token.text.count("\n")
                         edits[one.file].append((place, place, f" {' '.join(texts)} {line_mark(line)}"))
@@ -152,8 +152,7 @@ class SpecialisedClasses(DeclaredClasses):
         while (
             found is not None and found.short is not None and found.short.opening < 0 and found.kind != "type"
         ):
-            scope = found.name.rpartition(".")[0]
-            after = self._resolved(path_of(found.tokens, *found.short.path), scope, {})
+            after = self._aliased(found)
             if after is None or after is found or self._is_foreign(found):
                 break
             found = after

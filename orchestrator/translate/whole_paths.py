@@ -80,8 +80,8 @@ class WholePaths(DeclaredClasses):
                     found.setdefault(key, []).append((at, words_of(element)))
         for (vector, signal), places in found.items():
             if len(places) > 1 and self._builtin(one, vector) in ("Boolean", "Integer"):
-                for at, element in places:
-                    yield tokens[at].start, text_end(tokens[closing(tokens, at + 1)]), f"{element} = {signal}"
+                for at, name in places:
+                    yield tokens[at].start, text_end(tokens[closing(tokens, at + 1)]), f"{name} = {signal}"
 
     def _outer_edits(self, one: DeclaredClass) -> Iterator[tuple[int, int, str]]:
         """Outer variables of built-in types as parameters, which stand for the inner ones all the same.
@@ -116,8 +116,7 @@ class WholePaths(DeclaredClasses):
         """How a class names a function that it calls; "" if that is none of the sources."""
         found = self._found(one, name)
         while found is not None and found.short is not None and found.short.opening < 0:
-            outer = found.name.rpartition(".")[0]
-            after = self._resolved(path_of(found.tokens, *found.short.path), outer, {})
+            after = self._aliased(found)
             if after is None or after is found:
                 break
             found = after
@@ -139,8 +138,7 @@ class WholePaths(DeclaredClasses):
             inherits = False
             for word in words[1:]:
                 while found is not None and found.short is not None and found.short.opening < 0:
-                    names = path_of(found.tokens, *found.short.path)
-                    found = self._resolved(names, found.name.rpartition(".")[0], {})
+                    found = self._aliased(found)
                 outer, found = found, self._member(found.name, word) if found is not None else None
                 inherits |= found is not None and outer is not None and found.name != f"{outer.name}.{word}"
             if found is not None and inherits and not self._is_foreign(found):

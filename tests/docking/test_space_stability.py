@@ -140,7 +140,7 @@ def by_hand(point: dict[str, float], s: complex) -> complex:
         omega, xi = 471.23889803846896, 0.8
         lag = omega**2 / (s**2 + 2.0 * xi * omega * s + omega**2) * np.exp(-2e-3 * s)
         a, alpha, b, beta = np.split(np.eye(12), 4)
-        # What the robot is told: O_Ai in O_Bi.
+        # The command of the robot: O_Ai in O_Bi.
         own_a, own_b = a - crossed(lever_a) @ alpha, b - crossed(lever_b) @ beta
         seen, turn = own_a - own_b + crossed(place) @ beta, alpha - beta
         end = lag * (seen - crossed(tip) @ turn)

@@ -179,7 +179,7 @@ def test_effects_without_a_law_here_are_known_to_runs_alone():
 
 @pytest.mark.parametrize("sizes", [(5,), (4, 1, 1), (6, 3), (12,)])
 def test_multiple_roots_count_as_a_whole(sizes):
-    """Integrators in chains, mixed by a matrix, beside x' = -x(t - 1): rounding parts what lies at 0."""
+    """Integrators in chains, mixed by a matrix, beside x' = -x(t - 1): rounding separates what lies at 0."""
     draw = np.random.default_rng(sum(sizes))
     chains = scipy.linalg.block_diag(*(np.eye(size, k=1) for size in sizes), np.zeros((1, 1)))
     n = len(chains)

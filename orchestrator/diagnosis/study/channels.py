@@ -22,7 +22,7 @@ _PILED, _PILE = 8, 4
 
 # Rows on each side that an outlier is held against, how many of both sides may be outliers too, and the
 # largest share of outliers. One lies so many times the noise away from the others, which differ by a share of
-# that, as do nine of ten rows of so many on each side: tips of an oscillation do not lie alone.
+# that. So do nine of ten rows of so many on each side: tips of an oscillation do not lie alone.
 _SIDE, _OTHERS, _FEW, _FAR, _BACK, _WIDE, _TIPS = 5, 4, 0.05, 10.0, 0.35, 25, 0.1
 
 _CLIPPED = "Raise the range of the channel; if this is the sensor's own, the verdict counts it as an effect."
