@@ -90,7 +90,7 @@ def past_of(acts, steps):
     return np.zeros((len(acts), kept, 3)), np.zeros(4), np.zeros((2, 8))
 
 
-@njit()
+@njit(allocates=False)
 def _summed(past, step, now, signal, at):
     """Integral of a signal up to a point of time [steps]; see `_delayed`."""
     if at <= 0.0:
@@ -104,7 +104,7 @@ def _summed(past, step, now, signal, at):
     return past[step, 2] + (at - step) * 0.5 * (begin + signal)
 
 
-@njit()
+@njit(allocates=False)
 def _delayed(past, now, time, signal):
     """A signal some time ago, the mean over one step; writes `past`.
 
@@ -130,7 +130,7 @@ def _delayed(past, now, time, signal):
     return (late - _summed(past, step, now, signal, at - half)) / (2.0 * half)
 
 
-@njit()
+@njit(allocates=False)
 def _acting(act, x, u, y, t, w, signals, theta, hidden, extra, past, now, call):
     """What one row of `acts` adds at its place; writes the derivatives of its law's states."""
     total = w if act[_HAS_W] else 0.0
@@ -152,7 +152,7 @@ def _acting(act, x, u, y, t, w, signals, theta, hidden, extra, past, now, call):
     return total
 
 
-@njit()
+@njit(allocates=False)
 def _passes(acts, signals, nx, nu):
     """How often components are evaluated: twice with laws whose inputs or outputs read other inputs.
 
@@ -167,7 +167,7 @@ def _passes(acts, signals, nx, nu):
     return 1
 
 
-@njit()
+@njit(allocates=False)
 def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, rate, extra, past, now, call):
     """Derivatives and outputs at one point.
 

@@ -37,7 +37,7 @@ class Smoothed:
     variance: Array
 
 
-@njit()
+@njit(allocates=False)
 def _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, rate, extra, past, now, call):
     nx, nh, np_, nt, nw = n
     a, b, c = nx + nh, nx + nh + np_, nx + nh + np_ + nt
@@ -54,7 +54,7 @@ def _room(z, held):
     return np.zeros((5, len(z))), np.zeros(len(held))
 
 
-@njit()
+@njit(allocates=False)
 def _step(rows, wiring, z, n, e0, e1, held, t, h, acts, signals, u, y, sub, past, now, call, room):
     """RK4 over one sample; moves z."""
     nx, nh, np_, nt, nw = n
@@ -64,7 +64,8 @@ def _step(rows, wiring, z, n, e0, e1, held, t, h, acts, signals, u, y, sub, past
     base = k[4]
     first = now[0]
     for s in range(sub):
-        base[:] = z
+        for j in range(len(z)):
+            base[j] = z[j]
         now[0] = first + s
         for i in range(4):
             now[1] = (0.0, 0.5, 0.5, 1.0)[i]
@@ -95,6 +96,7 @@ def _jacobians(rows, wiring, z, n, ext, t, acts, signals, u, y, delta, measured,
     m, nz = nx + nh, len(z)
     a, c = np.zeros((nz, nz)), np.zeros((len(measured), nz))
     r0, r1 = np.zeros(m), np.zeros(m)
+    rate, extra = r1[:nx], r1[nx:]
     past, now, call = past_of(acts, 0)
     _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, r0[:nx], r0[nx:], past, now, call)
     y0 = y[measured].copy()
@@ -102,7 +104,7 @@ def _jacobians(rows, wiring, z, n, ext, t, acts, signals, u, y, delta, measured,
         old = z[i]
         step = delta[i] + tiny * abs(old)
         z[i] = old + step
-        _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, r1[:nx], r1[nx:], past, now, call)
+        _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, rate, extra, past, now, call)
         z[i] = old
         for j in range(m):
             a[j, i] = (r1[j] - r0[j]) / step
