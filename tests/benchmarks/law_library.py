@@ -12,8 +12,8 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from math import copysign, cos, exp, sin, tanh
+from dataclasses import dataclass, replace
+from math import copysign, cos, exp, floor, sin, tanh
 from pathlib import Path
 from typing import Any
 
@@ -425,6 +425,12 @@ CASES = [
     Case("rate limit", SERVO,
          lambda: Hidden("command", lambda t, u, z, **s: z[0], [0.0], after=_limited(6.0)),
          ("rate limit",), ("rate limit",), False, (6.0,)),
+    Case("quantisation", replace(SERVO, study=SERVO.study.replace("unit: V}", "unit: V, hold: true}")),
+         lambda: Hidden("command", lambda t, u, z, **s: 0.4 * floor(u / 0.4 + 0.5)),
+         ("quantisation",), ("quantisation",), True, (0.4,)),
+    Case("quantisation of a sensor", SERVO,
+         lambda: Hidden("meter", lambda t, i, z, **s: 1.0 * floor(i + 0.5)),
+         ("quantisation",), ("quantisation",), False, (1.0,)),
     Case("power limit", SERVO,
          lambda: Hidden("torque", lambda t, m, z, angle, speed, current:
                         m * min(1.0, 0.6 / max(abs(m * speed), 1e-9))),

@@ -19,7 +19,7 @@ from orchestrator.diagnosis.unknown_input.laws import Law, library
 
 _FILE = Path(__file__).parents[1] / "benchmarks" / "law_library.py"
 _WORDS = {"min": min, "max": max, "abs": abs, "sign": np.sign}
-_WORDS |= {one: getattr(np, one) for one in ("tanh", "exp", "sqrt", "sin", "cos")}
+_WORDS |= {one: getattr(np, one) for one in ("tanh", "exp", "sqrt", "sin", "cos", "floor")}
 
 
 def _bench() -> ModuleType:

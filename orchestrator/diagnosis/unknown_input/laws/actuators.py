@@ -19,6 +19,11 @@ def _dead_zone(t, s, n, z, out):
     out[0] = -min(max(s[0], -abs(n[0])), abs(n[0]))
 
 
+def _quantisation(t, s, n, z, out):
+    step = abs(n[0]) + 1e-300
+    out[0] = step * math.floor(s[0] / step + 0.5) - s[0]
+
+
 def _gain_curve(t, s, n, z, out):
     out[0] = n[0] * s[0] * abs(s[0])
 
@@ -67,6 +72,8 @@ def _cogging(t, s, n, z, out):
 
 
 _OWN = "own"
+# A step is found where the number of levels, from 0 to the largest signal, is right within a quarter.
+_LEVELS = tuple(4.0 / k for k in range(4, 65))
 LAWS = [
     Law(
         "saturation",
@@ -89,6 +96,18 @@ LAWS = [
         linear=False,
         modelica="y = -min(max(u, -half_width), half_width);",
         sentence="A valve or drive that does not answer small commands.",
+    ),
+    Law(
+        "quantisation",
+        "quantisation",
+        (Number("step", "u", _LEVELS, "most", positive=True),),
+        _quantisation,
+        _OWN,
+        kinds=(1, 3),
+        linear=False,
+        modelica="y = step*floor(u/step + 0.5) - u;",
+        sentence="A converter, a stepper or a valve of few levels; up to 16 are found.",
+        late=True,
     ),
     Law(
         "gain curve",
