@@ -94,13 +94,13 @@ def main(args: argparse.Namespace) -> int:
         (folder / "stability.json").write_text(content + "\n", encoding="utf-8")
         files.append("stability.json")
         figures = draw()
+        images = {name: folder / f"{name}.png" for name in figures}
+        for name, figure in figures.items():
+            save(figure, images[name])
         from ..frequency.page import stability_page
 
-        (folder / "stability.html").write_text(stability_page(report, figures, words), encoding="utf-8")
-        files.append("stability.html")
-        for name, figure in figures.items():
-            save(figure, folder / f"{name}.png")
-            files.append(f"{name}.png")
+        (folder / "stability.html").write_text(stability_page(report, images, words), encoding="utf-8")
+        files += ["stability.html", *(one.name for one in images.values())]
         if not args.json:
             print(f"Written to {folder}: {', '.join(files)}")
     if args.json:

@@ -184,6 +184,40 @@ class DelayEquation:
             made[:, n + rows] -= back if delay == 0.0 else np.exp(-s * delay)[:, None, None] * back
         return made
 
+    def _driven(self, s: Complex, drive: Array, gains: Array | None = None) -> tuple[Complex, Complex]:
+        """Inputs and outputs where something is added to the inputs.
+
+        Only states and what is late are solved for: most links of large systems are not late.
+
+        Args: drive: shape (m, k); gains: of links, as `_gains` has them; None: of all.
+        Returns: shapes (len(s), m, k) and (len(s), p, k).
+        Raises: numpy.linalg.LinAlgError at a root.
+        """
+        gains, n = self._k if gains is None else gains, len(self.states)
+        late = [
+            (place, source)
+            for place, delay in enumerate(self._delays)
+            if delay > 0.0
+            for source in np.flatnonzero(gains[place].any(axis=0))
+        ]
+        sources = [source for _, source in late]
+        into = np.array([gains[place, :, source] for place, source in late]).reshape(len(late), len(drive)).T
+        now = gains[0] if self._delays[0] == 0.0 else np.zeros(gains[0].shape)
+        solved = np.linalg.inv(np.eye(len(self.inputs)) - now @ self.d)
+        # u = U (x, v) + u0 and y = Y (x, v) + y0 with v what is late.
+        u, u0 = solved @ np.hstack([now @ self.c, into]), solved @ drive
+        y, y0 = np.hstack([self.c, np.zeros((len(self.c), len(late)))]) + self.d @ u, self.d @ u0
+        turn = np.exp(-s[:, None] * self._delays[[place for place, _ in late]])
+        matrix = np.zeros((len(s), n + len(late), n + len(late)), np.complex128)
+        matrix[:, range(n + len(late)), range(n + len(late))] = 1.0
+        matrix[:, range(n), range(n)] = s[:, None]
+        matrix[:, :n] -= np.hstack([self.a, np.zeros((n, len(late)))]) + self.b @ u
+        matrix[:, n:] -= turn[:, :, None] * y[sources]
+        right = np.zeros((len(s), n + len(late), drive.shape[1]), np.complex128)
+        right[:, :n], right[:, n:] = self.b @ u0, turn[:, :, None] * y0[sources]
+        found = np.linalg.solve(matrix, right)
+        return u @ found + u0, y @ found + y0
+
     def _slope(self, s: complex) -> Complex:
         """dP/ds."""
         n = len(self.states)

@@ -148,7 +148,7 @@ class DelaySystem(DelayEquation):
 
     @cached_property
     def _kept(self) -> dict[tuple[str, ...], tuple[Complex, Complex]]:
-        """The grid that connections were last opened on, and what came back."""
+        """The grid that connections were last opened on, and what came back; that of all under ()."""
         return {}
 
     def _opened(self, connections: Sequence[str], s: Complex) -> Complex:
@@ -156,7 +156,8 @@ class DelaySystem(DelayEquation):
         if len(s) < _GRID:
             return self._open(connections, s)
         if name not in self._kept or not np.array_equal(self._kept[name][0], s):
-            if len(name) == 1 and len(self.states) <= SMALL:
+            shared = () in self._kept and np.array_equal(self._kept[()][0], s)
+            if shared and len(name) == 1 and len(self.states) <= SMALL:
                 self._kept.update({(one,): (s, back) for one, back in self._each(s).items()})
             if name not in self._kept or not np.array_equal(self._kept[name][0], s):
                 self._kept[name] = s, self._open(connections, s)
@@ -171,21 +172,20 @@ class DelaySystem(DelayEquation):
         for link in self.links:
             owned.setdefault(link.connection, []).append(link)
         owned = {name: links for name, links in owned.items() if len({one.target for one in links}) == 1}
-        n, m, targets = len(self.states), len(self.inputs), [links[0].target for links in owned.values()]
-        wanted = np.zeros((n + m, len(targets)))
-        wanted[n + np.array(targets, np.intp), range(len(targets))] = 1.0
+        targets = [links[0].target for links in owned.values()]
+        drive = np.zeros((len(self.inputs), len(targets)))
+        drive[targets, range(len(targets))] = 1.0
         found = np.zeros((len(owned), len(s), 1, 1), np.complex128)
         begin = 0
         for part in in_parts(s):
             try:
-                solved = np.linalg.solve(self._matrix(part), wanted[None])
+                u, y = self._driven(part, drive)
             except np.linalg.LinAlgError:  # a root lies on the axis
                 return {}
-            y = self.c @ solved[:, :n] + self.d @ solved[:, n:]
             for row, links in enumerate(owned.values()):
                 back = sum(one.gain * np.exp(-part * one.delay) * y[:, one.source, row] for one in links)
                 with np.errstate(divide="ignore", invalid="ignore"):  # L is infinite, as of an integrator
-                    found[row, begin : begin + len(part), 0, 0] = -back / solved[:, n + links[0].target, row]
+                    found[row, begin : begin + len(part), 0, 0] = -back / u[:, links[0].target, row]
             begin += len(part)
         return {name: one for name, one in zip(owned, found, strict=True) if np.isfinite(one).all()}
 
@@ -200,12 +200,11 @@ class DelaySystem(DelayEquation):
             ]
             raise ConfigError(problems)
         rest = self._gains([one for one in self.links if one.connection not in connections])
-        n, m = len(self.states), len(self.inputs)
         # Further places that a connection feeds, as the delayed path into an FMU, carry the same signal.
-        drive = np.zeros((m, len(own)))
+        drive = np.zeros((len(self.inputs), len(own)))
         for column, links in enumerate(own):
             drive[[one.target for one in links], column] = 1.0
-        if n > SMALL and not self._near_poles(s).any():
+        if len(self.states) > SMALL and not self._near_poles(s).any():
             targets, sources = self._reduced[4:]
             response = self._instances(s)
             k = np.einsum("sk,kmp->smp", np.exp(-s[:, None] * self._delays), rest[:, targets][:, :, sources])
@@ -213,11 +212,7 @@ class DelaySystem(DelayEquation):
             y = response @ np.linalg.solve(np.eye(len(targets)) - k @ response, wanted)
             rows = {source: row for row, source in enumerate(sources)}
         else:
-            wanted = np.vstack([np.zeros((n, len(own))), drive])
-            solved = np.concatenate(
-                [np.linalg.solve(self._matrix(one, rest), wanted[None]) for one in in_parts(s)]
-            )
-            y = self.c @ solved[:, :n] + self.d @ solved[:, n:]
+            y = np.concatenate([self._driven(one, drive, rest)[1] for one in in_parts(s)])
             rows = {source: source for source in range(len(self.outputs))}
         back = np.zeros((len(s), len(own), len(own)), np.complex128)
         for row, links in enumerate(own):
@@ -343,6 +338,7 @@ class DelaySystem(DelayEquation):
         """Margins of the loop through one connection, all crossovers considered."""
         modes = modes or self.modes()
         omega = self.frequencies(modes)
+        self._kept[()] = 1j * omega, 1j * omega
 
         def response(s: Complex) -> Complex:
             return self.response(connection, s)

@@ -28,12 +28,12 @@ from .closing import chains_of, closed_system, sources
 from .delay_equation import Modes
 from .delay_system import FILTER, DelaySystem
 from .inner_delays import InnerDelay, inner_delays, uneven
-from .late_inputs import MEASURE, acts, find_late_input
+from .late_inputs import MEASURE, acts, find_late_input, idle_together
 from .margins import DelayMargin, Margins
 from .measured_part import measured_part
 from .measured_samples import sampled_law, sampling
 from .open_loop import OpenLoop
-from .statespace import LateInput, Law, StateSpace, linearised, real_ports
+from .statespace import LateInput, Law, StateSpace, linearised, real_ports, without_idle_integrators
 from .twin_runs import resumed
 
 if TYPE_CHECKING:
@@ -73,9 +73,13 @@ class Linearised:
         inner: delays between states of instances, by their name.
         laws: of instances whose equations a measure of the config knows, or that sample.
         of_measures: those whose law a measure of the config knows.
-        breaks: instances whose equations jump or bend at the operating point, as at an event.
+        breaks: instances whose equations jump or bend at the operating point, as at an event, or depend on
+            what was before in a way that was not found.
         start: start values of the operating point that a measure of the config chose, by instance and
             variable, FMU's units; None: the point is no start of a run.
+        time: of the run, where the point is one of it [s]; None: its start.
+        known: what a measure of the config knows of instances, by their name.
+        closed: the closed system with other state spaces of the same instances.
     """
 
     system: DelaySystem
@@ -88,6 +92,9 @@ class Linearised:
     of_measures: tuple[str, ...] = ()
     breaks: tuple[str, ...] = ()
     start: Mapping[str, Mapping[str, Any]] | None = field(default_factory=dict)
+    time: float | None = None
+    known: Mapping[str, Law | Callable[[FmuInstance], Law]] = field(default_factory=dict)
+    closed: Callable[[Mapping[str, StateSpace]], DelaySystem] = field(kw_only=True)
 
     @property
     def chosen(self) -> bool:
@@ -97,6 +104,19 @@ class Linearised:
     def started(self, prepared: Prepared) -> Prepared:
         """The system with the start values of the operating point."""
         return _started(prepared, self.start or {})
+
+    def parts_at(self, prepared: Prepared, instances: Instances) -> dict[str, StateSpace]:
+        """The state space of each instance where a run has brought it; measured ones stay as they are."""
+        parts = dict(self.parts)
+        for one, running in zip(prepared.system.instances, instances.running, strict=True):
+            part, law = parts[one.name], self.known.get(one.name)
+            if law is not None:
+                parts[one.name] = part if isinstance(law, Law) else law(running).space
+            elif one.name not in self.laws and set(part.states) <= set(one.fmu.description.variables):
+                if refusal(one) is None:
+                    here = linearised(one.fmu, running, part.inputs, part.outputs)
+                    parts[one.name] = here.of_states([here.states.index(name) for name in part.states])
+        return parts
 
     def modes(self, count: int = 6) -> Modes:
         """The rightmost modes; see `DelaySystem.modes`."""
@@ -307,18 +327,35 @@ def _linearised(
                     "roots and margins hold without that"
                 )
             elif refusal(one) is None:
-                inner[one.name], unknown = inner_delays(one, part, values, prepared)
+                inner[one.name], unknown = inner_delays(one, part, values, prepared, read)
                 notes += [_inner_note(one, part, each) for each in inner[one.name]]
-                notes += [f"{one.name}: {unknown}"] if unknown else []
-            idle = [
-                name for name in inputs
-                if find_late_input(here[0], part, name, values, here[1], hidden, notes, problems)
-            ]  # fmt: skip
+                if unknown:
+                    breaks.append(one.name)
+                    notes.append(f"{one.name}: {unknown}")
+            idle = [name for name in inputs if not acts(part, name)]
+            if len(idle) < 2 or not idle_together(here[0], part, idle, values, here[1]):
+                idle = [
+                    name for name in idle
+                    if find_late_input(here[0], part, name, values, here[1], hidden, notes, problems)
+                ]  # fmt: skip
             if idle:
                 notes.append(
                     f"{one.name}: nothing depends on {listed(idle)} at the operating point, as in an open "
-                    "contact; loops through them are left open. --at-time takes a time of the run instead"
+                    "contact; loops through them are left open"
+                    + (". --at-time takes a time of the run instead" if at_time is None else "")
                 )
+    for one in system.instances:
+        if one.name not in known and not inner.get(one.name):
+            outputs = parts[one.name].outputs
+            read = [name for name in outputs if f"{one.name}.{name}" in seen] or outputs
+            parts[one.name], idle, kept = without_idle_integrators(parts[one.name], read)
+            hidden |= {
+                f"{one.name}.{name}": replace(late, gains=late.gains[kept])
+                for name in parts[one.name].inputs
+                if (late := hidden.get(f"{one.name}.{name}")) is not None
+            }
+            if idle:
+                notes.append(f"{one.name}: no connection shows {listed(idle)}: the roots at 0 are left out")
     chains, wrong = chains_of(system.connections, notes)
     if problems or wrong:
         raise ConfigError([*problems, *wrong])
@@ -331,9 +368,12 @@ def _linearised(
     paths = {name: (one,) for name, one in hidden.items()}
     for name, law in known.items():
         paths |= {f"{name}.{port}": late for port, late in law.late.items()}
-    closed = closed_system(parts, chains, paths, inner)
+
+    def closed(parts: Mapping[str, StateSpace]) -> DelaySystem:
+        return closed_system(parts, chains, paths, inner)
+
     return Linearised(
-        closed,
+        closed(parts),
         point,
         tuple(dict.fromkeys(notes)),
         parts,
@@ -342,6 +382,9 @@ def _linearised(
         inner=inner,
         of_measures=tuple(laws),
         breaks=tuple(breaks),
+        time=reached if at_time is not None else None,
+        known=laws,
+        closed=closed,
     )
 
 

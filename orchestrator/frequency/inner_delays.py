@@ -38,7 +38,10 @@ _FINE = (1, 8, 64)
 _WINDOWS = (24, 12, 6)
 # What a fit may leave, relative to what it explains: with the gains that are left, and with others.
 _LEFT, _OTHER = 1e-4, 1e-3
+# The same with the gains that are left where the FMU does not rest.
+_MOVING = 5e-3
 _MOST = 4
+_NONE = "no delay"
 # Points of a line that stands for a delay in the sampled system.
 _POINTS = 40
 
@@ -75,11 +78,11 @@ def initial_gains(
 
 
 def inner_delays(
-    one: Instance, part: StateSpace, values: Mapping[str, Any], prepared: Prepared
+    one: Instance, part: StateSpace, values: Mapping[str, Any], prepared: Prepared, read: Collection[str]
 ) -> tuple[tuple[InnerDelay, ...], str]:
     """The delays between states of an FMU, and of inputs that act on something at once, too.
 
-    Args: as `initial_gains`.
+    Args: as `initial_gains`; read: outputs that a connection reads: delays before others act on nothing.
     Returns: the delays, and what could not be found; empty if nothing is left out.
     """
     runs = _Runs(one, part, values, prepared)
@@ -87,6 +90,7 @@ def inner_delays(
         gains = runs.gains()
     except OrchestratorError:  # it refuses to be initialised on its own
         return (), ""
+    gains[len(part.states) :][[name not in read for name in part.outputs]] = 0.0
     if not gains.any():
         return (), ""
     try:
@@ -199,13 +203,31 @@ class _Runs:
     def found(self, gains: Array) -> tuple[InnerDelay, ...] | str:
         """The delays behind total gains, or what is not found."""
         rows = np.flatnonzero(gains.any(axis=1))
-        columns = np.flatnonzero(gains.any(axis=0))
+        seen = gains.any(axis=0)
         delays: dict[int, list[tuple[float, Array]]] = {}
+        self._search(gains, np.flatnonzero(seen), delays, _LEFT)
+        others = [column for column in self.chosen if column < len(self.part.states) and not seen[column]]
+        if len(delays) < len(rows) and others:
+            # Where the FMU does not rest, gains change along the runs. What is delayed begins at no
+            # difference here, so that this is of second order when it comes out.
+            self._search(gains, np.array(others), delays, _MOVING)
+        if len(delays) == len(rows):
+            return self._joined(delays)
+        return f"{self.in_words(gains, delays)}, not by a delay that was found; that is left out"
+
+    def _search(
+        self,
+        gains: Array,
+        columns: NDArray[np.intp],
+        delays: dict[int, list[tuple[float, Array]]],
+        enough: float,
+    ) -> None:
+        """Find the delays of rows from runs that differ in some states or inputs; adds to `delays`."""
         fine, place = _FINE[0], 0
         while place < len(_STEPS):
             times, moved, left = self.courses(columns, _STEPS[place], fine)
             early = False
-            for row in rows:
+            for row in np.flatnonzero(gains.any(axis=1)):
                 if row in delays:
                     continue
                 # A jump of an input bends the course of states: without need it is left out.
@@ -213,17 +235,16 @@ class _Runs:
                 runs = np.flatnonzero(fed | (columns < len(self.part.states)))
                 known = _Row(
                     times, moved[0][:, runs], moved[1][:, runs], left[:, runs, row], self.heights
-                ).delays(gains[row])
-                early |= known == "early"
+                ).delays(gains[row], enough)
+                early |= known in ("early", _NONE)
                 if not isinstance(known, str):
                     delays[int(row)] = known
-            if len(delays) == len(rows):
-                return self._joined(delays)
+            if all(row in delays for row in np.flatnonzero(gains.any(axis=1))):
+                return
             if early and fine < _FINE[-1]:
                 fine = _FINE[_FINE.index(fine) + 1]
             else:
                 place += 1
-        return f"{self.in_words(gains, delays)}, not by a delay that was found; that is left out"
 
     def in_words(self, gains: Array, but: Collection[int] = ()) -> str:
         """What total gains say of rows, but some."""
@@ -331,9 +352,9 @@ class _Row:
 
         self.course = CubicHermiteSpline(times, values, slopes, axis=0) if len(times) > 1 else None
 
-    def delays(self, gains: Array) -> list[tuple[float, Array]] | str:
-        """Delays [s] and gains, shape (n + m,); "early" if the step is too long, "late" if the runs are too
-        short, else why there are none.
+    def delays(self, gains: Array, enough: float = _LEFT) -> list[tuple[float, Array]] | str:
+        """Delays [s] and gains, shape (n + m,), that leave no more than `enough`; "early" if the step is too
+        long, "late" if the runs are too short, else why there are none.
         """
         found: list[tuple[float, Array]] = []
         rest, left = gains.copy(), self.left.copy()
@@ -345,13 +366,13 @@ class _Row:
             onset = int(moved[0])
             if onset < 8:
                 return "early"
-            one = self._fitted(left, onset, rest)
+            one = self._fitted(left, onset, rest, enough)
             if isinstance(one, str):
                 return one
             found.append(one)
             rest, left = rest - one[1], left - self._before(self.times, one[0]) @ one[1]
             if len(found) > _MOST:
-                return "more delays than are looked for"
+                return _NONE
         return found
 
     def _before(self, times: Array, delay: float) -> Array:
@@ -365,7 +386,7 @@ class _Row:
         made[ago <= 0.0] = 0.0
         return made
 
-    def _fitted(self, left: Array, onset: int, rest: Array) -> tuple[float, Array] | str:
+    def _fitted(self, left: Array, onset: int, rest: Array, enough: float) -> tuple[float, Array] | str:
         step = self.times[1]
         for window in _WINDOWS:
             if onset + window > len(self.times):
@@ -381,18 +402,18 @@ class _Row:
                 return float(np.linalg.norm(design(delay) @ rest - wanted))
 
             def free(delay: float, design: Any = design, wanted: Any = wanted) -> tuple[float, Array]:
-                made = design(delay) / self.heights
+                made = np.where(rest != 0.0, design(delay) / self.heights, 0.0)
                 gain, *_ = np.linalg.lstsq(made, wanted, rcond=1e-7)
                 return float(np.linalg.norm(made @ gain - wanted)), gain / self.heights
 
             bounds = (self.times[onset] - 4.0 * step, self.times[onset])
             delay, miss, sharp = _least(known, bounds)
-            if miss < _LEFT * norm:
+            if miss < enough * norm:
                 return (delay, rest) if sharp else "an input acts at once and after a delay"
             delay, miss, sharp = _least(lambda one, free=free: free(one)[0], bounds)
             if miss < _OTHER * norm and sharp:
-                return delay, np.where(rest != 0.0, free(delay)[1], 0.0)
-        return "no delay"
+                return delay, free(delay)[1]
+        return _NONE
 
 
 def _least(misfit: Any, bounds: tuple[float, float]) -> tuple[float, float, bool]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from ..base.errors import OrchestratorError, Problem
 from ..simulation.run import Prepared
 from ..system.system import Instance
-from .measured_part import answer, height_of, passage
+from .measured_part import answer, differences, height_of, passage
 from .statespace import LateInput, StateSpace
 
-__all__ = ["MEASURE", "acts", "find_late_input"]
+__all__ = ["MEASURE", "acts", "find_late_input", "idle_together"]
 
 Array = NDArray[np.float64]
 
@@ -36,6 +36,21 @@ def acts(part: StateSpace, name: str) -> bool:
     """Whether an input acts on a state's derivative or an output at once."""
     column = part.inputs.index(name)
     return bool(part.b[:, column].any() or part.d[:, column].any())
+
+
+def idle_together(
+    one: Instance, part: StateSpace, names: Sequence[str], values: Mapping[str, Any], prepared: Prepared
+) -> bool:
+    """Whether nothing answers a step of all these inputs at once: two long runs in place of two for each."""
+    watched = list(dict.fromkeys([*part.states, *part.outputs]))
+    values = {key: values[key] for key in part.inputs}
+    # Shares that differ do not cancel.
+    step = np.array([height_of(one, name, values) * (1.0 - 0.07 * k) for k, name in enumerate(names)])
+    try:
+        runs = differences(one, names, values, watched, prepared, [step] * _MOST_STEPS)
+        return not any(found.any() for found in runs)
+    except OrchestratorError:
+        return False
 
 
 def find_late_input(

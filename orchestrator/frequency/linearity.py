@@ -35,6 +35,8 @@ _ENOUGH = 400
 _SETTLE = 16
 # Of an output's motion: what may differ. A smooth law differs by a share of the height.
 _APART = 0.02
+# An instance that is unstable on its own moves by no more than this power of e.
+_GROWN = 3.0
 
 
 @dataclass(frozen=True)
@@ -76,10 +78,11 @@ def unlike_parts(prepared: Prepared, linear: Linearised, modes: Modes) -> list[U
         if one.name in linear.of_measures or one.fmu.path is None:
             continue
         stretch = _stretch(one, linear, mode, size)
+        growth = max(np.linalg.eigvals(linear.parts[one.name].a).real, default=0.0)
         samples = _every(linear, one.name, size)
         part = sampled_part(linear, one.name, size * stretch, samples=samples)
         inputs = [name for name in part.space.inputs if f"{one.name}.{name}" in moved]
-        worst = _worst(one, inputs, moved, mode, prepared, linear, part, stretch) if inputs else None
+        worst = _worst(one, inputs, moved, mode, prepared, linear, part, stretch, growth) if inputs else None
         found += [worst] if worst is not None else []
     return found
 
@@ -124,11 +127,15 @@ def _worst(
     linear: Linearised,
     part: Any,
     stretch: int,
+    growth: float,
 ) -> Unlike | None:
     step = float(prepared.grid.step_size) * stretch
     omega = _omega(mode)
     count = int(np.ceil(_CYCLES * 2.0 * np.pi / (omega * step)))
     if not 8 * _CYCLES <= count <= _MOST:
+        return None
+    count = min(count, int(_GROWN / (growth * step)) if growth > 0.0 else count)
+    if count < 8:
         return None
     seen = [name for name in part.space.outputs if _read(linear, f"{one.name}.{name}")]
     values = {name: linear.point[f"{one.name}.{name}"] for name in part.space.inputs}
@@ -152,10 +159,17 @@ def _worst(
         expected = _expected(part, inputs, course, seen)
         size = np.maximum(abs(found).max(axis=0), abs(expected).max(axis=0))
         apart = abs(found - expected).max(axis=0) / np.where(size > 0.0, size, 1.0)
+        if not np.any(apart > _APART):
+            return None
+        other = answers(-0.5)
+        if len(other) == count:
+            # Of half the motion backwards what is of second order is half as large, with the other sign: that
+            # is a smooth law, as of the real part of a quaternion.
+            curved = abs(other - expected + 0.5 * (found - expected)).max(axis=0) < _APART * apart * size
+            apart[curved] = 0.0
         place = int(np.argmax(apart))
         if not apart[place] > _APART:
             return None
-        other = answers(-0.5)
     except OrchestratorError:
         return None
     drifts = len(other) == count and bool(np.max(abs(other - found)[:, place]) < _APART * size[place])

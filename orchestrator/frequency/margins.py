@@ -118,6 +118,10 @@ class DelayMargin:
     omega: float
 
 
+# Neighbouring levels, as logarithms, that differ by less are the same.
+_FLAT = 1e-9
+
+
 def borne_delay(response: Response, omega: Array) -> tuple[float, float]:
     """The least delay h > 0 with a root of det(1 + exp(-j w h) L(j w)) = 0, and its w; infinite, NaN without.
 
@@ -173,7 +177,8 @@ def gain_crossovers(
     beside = np.maximum(
         abs(values[turning] - values[turning - 1]), abs(values[turning + 1] - values[turning])
     )
-    turning = turning[abs(values[turning]) <= 4.0 * beside]
+    # Where the level is that of 1 but for rounding, nothing turns.
+    turning = turning[(abs(values[turning]) <= 4.0 * beside) & (beside > _FLAT)]
     if turning.size:
         sign = np.where(values[turning] > 0.0, 1.0, -1.0)
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from html import escape
+from pathlib import Path
 from typing import Any
 
 from ..base.provenance import origin
 from ..plotting import page as pieces
-from ..plotting.figures import encoded
 from .system_report import later_words
 
 __all__ = ["stability_page"]
@@ -27,17 +28,17 @@ _CAPTIONS = {
 }
 
 
-def stability_page(report: Mapping[str, Any], figures: Mapping[str, Any], words: str) -> str:
+def stability_page(report: Mapping[str, Any], figures: Mapping[str, Path], words: str) -> str:
     """The page, HTML.
 
     Args:
         report: what `system_stability` gave, with what the command added.
-        figures: by name.
+        figures: PNG files by name.
         words: the report as terminals show it.
     """
     images = {
         name: pieces.figure(
-            f'<img alt="{escape(name)}" src="data:image/png;base64,{encoded(one)}">',
+            f'<img alt="{escape(name)}" src="data:image/png;base64,{b64encode(one.read_bytes()).decode()}">',
             _CAPTIONS.get(name, name),
             name,
         )

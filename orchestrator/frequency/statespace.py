@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cache
+import os
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,12 @@ class StateSpace:
             for names in (self.states, self.inputs, self.outputs)
         )
         return StateSpace(self.a, self.b, self.c, self.d, states, inputs, outputs)
+
+    def of_states(self, kept: Sequence[int]) -> StateSpace:
+        """The same without the other states."""
+        names = tuple(self.states[index] for index in kept)
+        a, b, c = self.a[np.ix_(kept, kept)], self.b[kept], self.c[:, kept]
+        return replace(self, a=a, b=b, c=c, states=names)
 
     def control(self) -> Any:
         """As python-control's StateSpace."""
@@ -126,11 +133,17 @@ def real_ports(fmu: Fmu) -> list[tuple[str, bool]]:
 
 def state_names(fmu: Fmu) -> list[tuple[str, str]]:
     """Derivatives of the continuous states, and the states."""
+    path = str(fmu.path)
+    return list(_state_names(path, os.stat(path).st_mtime_ns))
+
+
+@lru_cache
+def _state_names(path: str, changed: int) -> tuple[tuple[str, str], ...]:
     from fmpy import read_model_description
 
-    raw = read_model_description(str(fmu.path), validate=False)
+    raw = read_model_description(path, validate=False)
     found = [(one.variable, one.variable.derivative) for one in raw.derivatives]
-    return [(rate.name, state.name) for rate, state in found if state is not None]
+    return tuple((rate.name, state.name) for rate, state in found if state is not None)
 
 
 def linearised(
@@ -150,6 +163,31 @@ def linearised(
         if name in states:
             whole[n + index, states.index(name)] = 1.0
     return StateSpace(whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:], states, inputs, outputs)
+
+
+def without_idle_integrators(
+    part: StateSpace, read: Collection[str]
+) -> tuple[StateSpace, list[str], list[int]]:
+    """A state space without states that only count and that nothing shows, such as a clock.
+
+    Args: read: outputs that matter.
+    Returns: it, the names of the states that are left out, and the places of the others.
+    """
+    n = len(part.states)
+    shown = part.c[[name in read for name in part.outputs]].any(axis=0)
+    while True:
+        # What a shown state's derivative depends on is shown, too.
+        more = shown | part.a[shown].any(axis=0)
+        if (more == shown).all():
+            break
+        shown = more
+    kept = list(range(n))
+    while True:
+        idle = [k for k in kept if not shown[k] and not part.a[k, [j for j in kept if not shown[j]]].any()]
+        if not idle:
+            break
+        kept = [k for k in kept if k not in idle]
+    return part.of_states(kept), [part.states[k] for k in range(n) if k not in kept], kept
 
 
 @cache

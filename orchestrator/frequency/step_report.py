@@ -53,8 +53,11 @@ def at_step(
     stop = prepared.grid.start + -(-steps // whole) * whole * short
     changed = [f"run.step_size={_exact(short)} s", f"run.stop_time={_exact(stop)} s"]
     if own:
+        models = prepared.config.model.instances
         changed += [
-            f"instances.{name}.step_size={_exact(one * short)} s" for name, one in ratios.items() if one != 1
+            f"instances.{name}.step_size={_exact(one * short)} s"
+            for name, one in ratios.items()
+            if models[name].step_size is not None
         ]
     return float(short), tuple(changed)
 

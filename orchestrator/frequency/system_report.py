@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from .disk import DiskMargin, disk_margin, sensitivity
 from .from_system import Linearised, linearise
 from .linearity import Unlike, linearity_text, unlike_parts
 from .margins import DelayMargin, Margins
+from .moving_point import momentary_roots
 from .step_report import step_report, step_text
 
 __all__ = ["later_words", "system_figures", "system_stability", "system_text"]
@@ -37,10 +38,11 @@ def system_stability(
         opened: connections to open, by their target, as "drive.voltage"; all within loops if none is named.
             Several are also opened at once.
         linear: what `linearise` gave; made here if it is not.
-    Returns: a dict with `verdict`, `modes`, `line`, `margins` (weakest connection first), `together` (of the
-        loops that are opened at once, or None), `later` (the delay that all of them bear at once, or those of
-        all loops if none is opened; None of fewer than two or very many), `sampled` (see `step_report`),
-        `not_linear` (see `unlike_parts`), `point`, `notes`; all but `sampled` without communication steps.
+    Returns: a dict with `verdict`, `modes` (`holds_for`: see `momentary_roots`; None of those that last),
+        `line`, `margins` (weakest connection first), `together` (of the loops that are opened at once, or
+        None), `later` (the delay that all of them bear at once, or those of all loops if none is opened; None
+        of fewer than two or very many), `sampled` (see `step_report`), `not_linear` (see `unlike_parts`),
+        `point`, `notes`; all but `sampled` without communication steps.
     Raises: ConfigError with all problems; OrchestratorError if the roots cannot be certified.
     """
     linear = linear or linearise(prepared)
@@ -63,9 +65,10 @@ def system_stability(
     late = names or linear.system.loops()
     later = linear.system.delay_margin(late, modes) if 1 < len(late) <= _MOST_LATER else None
     unlike = unlike_parts(linear.started(prepared), linear, modes) if linear.start is not None else []
+    momentary = momentary_roots(prepared, linear, modes)
     return {
         "title": prepared.config.model.title or prepared.config.name,
-        "verdict": _verdict(modes) + _without(unlike, linear.breaks),
+        "verdict": _verdict(modes, momentary) + _without(unlike, linear.breaks),
         "modes": [
             {
                 "root": [one.root.real, one.root.imag],
@@ -73,6 +76,7 @@ def system_stability(
                 "damping": one.damping,
                 "residual": one.residual,
                 "participation": dict(one.participation[:_MOST_SHOWN]),
+                "holds_for": momentary.get(one.root),
             }
             for one in modes.modes
         ],
@@ -87,18 +91,25 @@ def system_stability(
     }
 
 
-def _verdict(modes: Modes) -> str:
+def _verdict(modes: Modes, momentary: Mapping[complex, float]) -> str:
     border = [one for one in modes.modes if abs(one.root.real) <= _BORDER * max(abs(one.root), 1e-6)]
-    unstable = [one for one in modes.modes if one not in border and one.root.real > 0.0]
+    growing = [one.root for one in modes.modes if one not in border and one.root.real > 0.0]
+    unstable, slow = (
+        sum(2 if root.imag > 0.0 else 1 for root in growing if (root in momentary) == passing)
+        for passing in (False, True)
+    )
+    more = ""
+    if slow:
+        what = f"{slow} {'more ' if unstable else ''}root{'s' if slow > 1 else ''} with positive real part"
+        held = f"{'hold' if slow > 1 else 'holds'} for this moment only"
+        more = f"; {what} {held}: the operating point moves faster"
     if unstable:
-        count = sum(2 if one.root.imag > 0.0 else 1 for one in unstable)
-        return f"unstable: {count} root{'s' if count > 1 else ''} with positive real part"
+        return f"unstable: {unstable} root{'s' if unstable > 1 else ''} with positive real part{more}"
     if border:
         names = listed(dict.fromkeys(one.participation[0][0] for one in border if one.participation))
-        return (
-            f"on the border: {len(border)} root{'s' if len(border) > 1 else ''} without damping, of {names}"
-        )
-    return "stable"
+        count = f"{len(border)} root{'s' if len(border) > 1 else ''}"
+        return f"on the border: {count} without damping, of {names}{more}"
+    return f"stable{more}"
 
 
 def _without(unlike: Sequence[Unlike], breaks: Sequence[str]) -> str:
@@ -165,6 +176,8 @@ def system_text(report: dict[str, Any]) -> str:
         line = f"  {root} 1/s: {size}; {share}"
         times = sum(other["root"] == one["root"] for other in report["modes"])
         line += f"; {times} times" if times > 1 else ""
+        held = one["holds_for"]
+        line += f"; for this moment only, changes by 30 % within {_seconds(held)}" if held else ""
         if line != lines[-1]:
             lines.append(line)
     if report["margins"]:
