@@ -104,16 +104,18 @@ class _Text:
         for one in model.discretes:
             name = self._text(one.target)
             for branch in one.branches:
-                when = "" if branch.trigger is None else f" when {self._condition(branch.trigger)}"
-                yield f"  {name} := {self._text(branch.value)}{when}"
+                yield f"  {name} := {self._text(branch.value)}{self._when(branch.trigger)}"
         for action in model.actions:
-            when = self._condition(action.trigger)
+            when = self._when(action.trigger)
             if action.kind == "reinit" and action.target is not None and action.value is not None:
-                yield f"  reinit({self._text(action.target)}, {self._text(action.value)}) when {when}"
+                yield f"  reinit({self._text(action.target)}, {self._text(action.value)}){when}"
             elif action.kind == "terminate":
-                yield f"  terminate({action.message!r}) when {when}"
+                yield f"  terminate({action.message!r}){when}"
             else:
                 yield f"  {action.kind}: {action.message!r}"
+
+    def _when(self, trigger: int | None) -> str:
+        return "" if trigger is None else f" when {self._condition(trigger)}"
 
     def _condition(self, number: int) -> str:
         one: Condition = self._model.conditions[number]

@@ -33,7 +33,7 @@ typedef struct {
     Hybrid h;
     double *c, *rise, *tick, *m;
     double *x, *xn, *f, *fx, *ft, *k[6], *dense[2], *a, *b, *spare; /* of the integration */
-    double *j, *lu, *y, *r, *first;                                 /* of blocks */
+    double *j, *lu, *y, *r, *first, *next;                          /* of blocks */
     double *keep, *g; /* g: [MOST_LOOKS + 1][margins] */
     double *held;     /* [states] 1: reinit has set it, and a projection leaves it */
     int *pivot, *pivot_a;
@@ -83,6 +83,7 @@ static size_t lay_out(Work *w, double *block)
     w->y = part(block, &used, n);
     w->r = part(block, &used, 2 * n);
     w->first = part(block, &used, n);
+    w->next = part(block, &used, 3 * n);
     w->j = part(block, &used, n * n);
     w->lu = part(block, &used, n * n);
     w->keep = part(block, &used, (size_t)i->n_z + 1);
@@ -216,11 +217,43 @@ static void block_jacobian(Work *w, const HybridBlock *b, const double *r, doubl
     }
 }
 
-/* Newton's method, with shorter steps where the residual grows if `damped`. */
-static int newton(Work *w, const HybridBlock *b, int damped)
+/* How steps of Newton's method are shortened. NATURAL: until the correction that would follow with the same Jacobian
+ * is smaller, whatever the units of equations and unknowns (Deuflhard, Newton Methods for Nonlinear Problems, 2004,
+ * section 3.3). RESIDUAL: until no equation is further off than the worst one before. */
+typedef enum { NATURAL, RESIDUAL, FULL_STEPS } Damping;
+
+/* The largest entry of `y` in shares of the size of its unknown, which is at least `least`. */
+static double in_shares(const double *y, const double *size, double least, int n)
+{
+    double most = 0;
+    for (int i = 0; i < n; i++) most = fmax(most, fabs(y[i]) / fmax(least, fabs(size[i])));
+    return most;
+}
+
+/* Whether a share of the correction w->y from w->j is good enough; the residuals at its end are w->r. */
+static int accepted(Work *w, const HybridBlock *b, Damping damping, int rank, double share, double before, double next)
+{
+    int n = b->n;
+    double *sizes = w->next, *y = w->next + n;
+    if (damping == FULL_STEPS) return 1;
+    /* At the limit of rounding the residual may grow a little. */
+    if (isfinite(next) && share == 1 && in_shares(w->y, w->j, 1e-3, n) < 1e-9) return 1;
+    if (damping == RESIDUAL || b->linear) return next <= before;
+    if (!isfinite(next)) return 0;
+    for (int i = 0; i < n; i++) {
+        sizes[i] = fmax(fabs(w->j[i]), fabs(w->y[i]));
+        if (sizes[i] == 0) sizes[i] = 1;
+    }
+    back_solve(w->lu, n, rank, w->pivot, w->pivot + n, w->r, y, y + n);
+    return in_shares(y, sizes, 0, n) <= (1 - share / 2) * in_shares(w->y, sizes, 0, n);
+}
+
+enum { UNDETERMINED = 2 }; /* the equations hold, but leave unknowns free that they determined at first */
+
+static int newton(Work *w, const HybridBlock *b, Damping damping)
 {
     double *z = w->h.z, *r = w->r, norm;
-    int n = b->n, *rows = w->pivot, *columns = w->pivot + n;
+    int n = b->n, *rows = w->pivot, *columns = w->pivot + n, first_rank = 0;
     b->residuals(&w->h, r);
     norm = size_of(r, n);
     for (int iteration = 0; iteration < MOST_ITERATIONS; iteration++) {
@@ -230,6 +263,7 @@ static int newton(Work *w, const HybridBlock *b, int damped)
         block_jacobian(w, b, r, w->lu);
         rank = factorise(w->lu, n, 1, rows, columns);
         if (rank == 0) return 1;
+        if (!iteration) first_rank = rank;
         back_solve(w->lu, n, rank, rows, columns, r, w->y, w->j);
         for (int i = 0; i < n; i++) {
             w->j[i] = z[b->slots[i]];
@@ -239,15 +273,10 @@ static int newton(Work *w, const HybridBlock *b, int damped)
             for (int i = 0; i < n; i++) z[b->slots[i]] = w->j[i] - share * w->y[i];
             b->residuals(&w->h, r);
             next = size_of(r, n);
-            if (!damped || next <= before || share < 1e-6) break;
-            /* At the limit of rounding the residual may grow a little. */
-            if (isfinite(next) && share == 1) {
-                double relative = 0;
-                for (int i = 0; i < n; i++) {
-                    double one = fabs(w->y[i]) / fmax(1e-3, fabs(w->j[i]));
-                    if (one > relative) relative = one;
-                }
-                if (relative < 1e-9) break;
+            if (accepted(w, b, damping, rank, share, before, next)) break;
+            if (share < 1e-6) {
+                if (damping == NATURAL) return 1;
+                break;
             }
         }
         norm = next;
@@ -258,7 +287,7 @@ static int newton(Work *w, const HybridBlock *b, int damped)
         }
         if (rank < n) {
             /* Some unknowns are free; they stay as they are if the equations hold. */
-            if (norm <= 1e-9 * fmax(1, before)) return 0;
+            if (norm <= 1e-9 * fmax(1, before)) return rank < first_rank ? UNDETERMINED : 0;
             if (iteration > 4) return 1;
         } else if ((b->linear && iteration > 0) || change <= SOLVED) {
             return norm <= 1e-6 * fmax(1, before) || change <= SOLVED ? 0 : 1;
@@ -271,10 +300,14 @@ static int newton(Work *w, const HybridBlock *b, int damped)
 static int solve_block(Work *w, const HybridBlock *b)
 {
     double *z = w->h.z;
+    int found = 1;
     for (int i = 0; i < b->n; i++) w->first[i] = z[b->slots[i]];
-    if (!newton(w, b, 1)) return 0;
-    for (int i = 0; i < b->n; i++) z[b->slots[i]] = w->first[i];
-    return newton(w, b, 0);
+    for (Damping damping = b->linear ? RESIDUAL : NATURAL; damping <= FULL_STEPS; damping++) {
+        for (int i = 0; i < b->n; i++) z[b->slots[i]] = w->first[i];
+        found = newton(w, b, damping);
+        if (!found) return 0;
+    }
+    return found;
 }
 
 static int solve_all(Work *w, const HybridBlock *blocks, int n)
