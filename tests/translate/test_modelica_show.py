@@ -188,6 +188,12 @@ def test_blocks_of_a_model_with_delays(tmp_path):
     assert "delay(x, 0.1)" in shown and re.search(r"der\(x\) := .*u", shown)
 
 
+def test_blocks_of_a_model_with_a_range_that_its_start_has_to_keep(tmp_path):
+    text = "model Model\n  parameter Real a(min=0.1, fixed=false, start=2);\n  Real x(start=1, fixed=true);\n"
+    text += "initial equation\n  a*a = 2;\nequation\n  der(x) = -a*x;\nend Model;\n"
+    assert "finds a beyond its min" in show_model(bench.model_file(tmp_path, text), "blocks")
+
+
 def test_the_command_prints_and_builds_nothing(tmp_path, capsys):
     path = bench.model_file(tmp_path, PENDULUM)
     assert main(["build", str(path), "--show", "blocks"]) == 0

@@ -917,6 +917,29 @@ end M;
     assert found["y"] == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.parametrize("step", (0.5, 0.01))
+def test_a_solution_that_ends_without_an_event_is_followed_by_another(tmp_path, step):
+    """A comparator with hysteresis whose limits, min and max, make no events.
+
+    y is -15 until vp = -0.001, at x = 1 - 0.001*16/15, and 15 from then on.
+    """
+    text = """
+model M
+  parameter Real k = 1/15;
+  Real x(start=-5, fixed=true), vp, y(start=-15), q(start=0, fixed=true);
+equation
+  der(x) = 10;
+  vp = (x + k*y)/(1 + k);
+  y = min(15, max(-15, 15000*vp));
+  der(q) = y;
+end M;
+"""
+    found = run(made(tmp_path, text), 1.0, step, "y", "q")
+    switched = (6 - 0.001 * 16 / 15) / 10
+    assert found["y"][-1] == 15
+    assert found["q"][-1] == pytest.approx(15 * (1 - 2 * switched), rel=1e-7)
+
+
 def test_homotopy_chooses_the_solution_that_the_model_starts_from(tmp_path):
     for start in (15, -15):
         fmu = made(tmp_path, f"""

@@ -6,6 +6,7 @@ import math
 
 import fmpy
 import pytest
+from scipy.optimize import brentq
 
 pytest.importorskip("rumoca", reason="needs the extra build")
 
@@ -114,3 +115,79 @@ end M;
     with pytest.raises(Exception, match="failed with status 3"):
         run(fmu, 1.0, 0.5, "x", logger=lambda *one: lines.append(one[-1].decode()))
     assert any("initialisation finds a beyond its min" in one for one in lines)
+
+
+IMPULSE = """
+model M
+  parameter Real T1=10e-6, T2=350e-6;
+  parameter Real eta(fixed=false, start=1), T(fixed=false, start=T2*T1/(T2 - T1)*log(T2/T1));
+  parameter Real T10(fixed=false, start=0.01*T2*T1/(T2 - T1)*log(T2/T1));
+  parameter Real tau1(fixed=false, start=T2), tau2(fixed=false, start=T1);
+initial equation
+  exp(-T/tau1)/tau1 = exp(-T/tau2)/tau2;
+  eta = exp(-T/tau1) - exp(-T/tau2);
+  0.1*eta = exp(-T10/tau1) - exp(-T10/tau2);
+  0.9*eta = exp(-(T10 + 0.8*T1)/tau1) - exp(-(T10 + 0.8*T1)/tau2);
+  0.5*eta = exp(-(T10 - 0.1*T1 + T2)/tau1) - exp(-(T10 - 0.1*T1 + T2)/tau2);
+end M;
+"""
+
+
+def test_start_equations_whose_units_differ_by_orders_of_magnitude(tmp_path):
+    """The time constants of a 10/350 us impulse; with tau1 = tau2 the equations hold for any times."""
+
+    def times(tau1, tau2):
+        def y(t):
+            return math.exp(-t / tau1) - math.exp(-t / tau2)
+
+        peak = math.log(tau1 / tau2) / (1 / tau2 - 1 / tau1)
+        first = brentq(lambda t: y(t) - 0.1 * y(peak), 0, peak)
+        last = brentq(lambda t: y(t) - 0.9 * y(peak), 0, peak)
+        half = brentq(lambda t: y(t) - 0.5 * y(peak), peak, 1)
+        front = (last - first) / 0.8
+        return front, half - (first - 0.1 * front)
+
+    found = run(made(tmp_path, IMPULSE), 1.0, 1.0, "tau1", "tau2", "T")
+    tau1, tau2 = found["tau1"][0], found["tau2"][0]
+    assert times(tau1, tau2) == pytest.approx((10e-6, 350e-6), rel=1e-6)
+    assert found["T"][0] == pytest.approx(math.log(tau1 / tau2) / (1 / tau2 - 1 / tau1), rel=1e-6)
+
+
+@pytest.mark.parametrize(("equations", "determined"), (("a*(b - 3) = 0", False), ("a*b = 0", True)))
+def test_a_start_that_the_equations_leave_open_is_no_start(tmp_path, equations, determined):
+    """a*(b - 2) = 0 and a*(b - 3) = 0 hold for a = 0 and any b; a*b = 0 and a*a + b*b = 0 for a = b = 0."""
+    first = "a*a + b*b = 0" if determined else "a*(b - 2) = 0"
+    text = f"""
+model M
+  parameter Real a(fixed=false, start=1), b(fixed=false, start=1.5);
+  Real x(start=1, fixed=true);
+initial equation
+  {first};
+  {equations};
+equation
+  der(x) = -(1 + b)*x;
+end M;
+"""
+    fmu, lines = made(tmp_path, text), []
+    if determined:
+        assert run(fmu, 1.0, 1.0, "x")["x"][-1] == pytest.approx(math.exp(-1), rel=1e-6)
+        return
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        run(fmu, 1.0, 1.0, "x", logger=lambda *one: lines.append(one[-1].decode()))
+    assert any("the equations cannot be solved for" in one for one in lines)
+
+
+def test_equations_that_divide_by_an_unknown_without_a_start_value(tmp_path):
+    """x = 6/y and y = x + 1 start from 0: x = 2, y = 3."""
+    text = """
+model M
+  Real x, y, z(start=1, fixed=true);
+equation
+  x = 6/y;
+  y = x + 1;
+  der(z) = -z;
+end M;
+"""
+    found = run(made(tmp_path, text), 1.0, 1.0, "x", "y")
+    assert found["x"][0] * (found["x"][0] + 1) == pytest.approx(6, rel=1e-9)
+    assert found["y"][-1] == pytest.approx(found["x"][-1] + 1, rel=1e-9)

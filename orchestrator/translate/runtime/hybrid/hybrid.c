@@ -33,11 +33,13 @@ typedef struct {
     Hybrid h;
     double *c, *rise, *tick, *m;
     double *x, *xn, *f, *fx, *ft, *k[6], *dense[2], *a, *b, *spare; /* of the integration */
-    double *j, *lu, *y, *r, *first, *next;                          /* of blocks */
+    double *j, *lu, *y, *r, *first, *next, *along, *kept;           /* of blocks */
     double *keep, *g; /* g: [MOST_LOOKS + 1][margins] */
     double *held;     /* [states] 1: reinit has set it, and a projection leaves it */
     int *pivot, *pivot_a;
     int events;  /* in close succession */
+    int may_jump; /* unknowns of equation blocks, as at an event */
+    int has_kept; /* such unknowns from before */
     int pending; /* outcome of an action at an event, to be reported after it */
 } Work;
 
@@ -57,6 +59,14 @@ static size_t largest(void)
         if ((size_t)hybrid_info.initial_blocks[i].n > n) n = (size_t)hybrid_info.initial_blocks[i].n;
     if ((size_t)hybrid_info.n_constraints > n) n = (size_t)hybrid_info.n_constraints;
     return n + 1;
+}
+
+/* Number of unknowns of the equation blocks. */
+static size_t unknowns(void)
+{
+    size_t n = 1;
+    for (int i = 0; i < hybrid_info.n_blocks; i++) n += (size_t)hybrid_info.blocks[i].n;
+    return n;
 }
 
 static size_t lay_out(Work *w, double *block)
@@ -84,6 +94,8 @@ static size_t lay_out(Work *w, double *block)
     w->r = part(block, &used, 2 * n);
     w->first = part(block, &used, n);
     w->next = part(block, &used, 3 * n);
+    w->along = part(block, &used, n);
+    w->kept = part(block, &used, unknowns());
     w->j = part(block, &used, n * n);
     w->lu = part(block, &used, n * n);
     w->keep = part(block, &used, (size_t)i->n_z + 1);
@@ -259,11 +271,11 @@ static int newton(Work *w, const HybridBlock *b, Damping damping)
     for (int iteration = 0; iteration < MOST_ITERATIONS; iteration++) {
         double change = 0, share = 1, next, before = norm;
         int rank;
-        if (norm == 0) return 0;
+        if (norm == 0 && !(w->h.initial && iteration)) return 0;
         block_jacobian(w, b, r, w->lu);
         rank = factorise(w->lu, n, 1, rows, columns);
-        if (rank == 0) return 1;
         if (!iteration) first_rank = rank;
+        if (rank == 0) return norm == 0 ? UNDETERMINED : 1;
         back_solve(w->lu, n, rank, rows, columns, r, w->y, w->j);
         for (int i = 0; i < n; i++) {
             w->j[i] = z[b->slots[i]];
@@ -282,18 +294,59 @@ static int newton(Work *w, const HybridBlock *b, Damping damping)
         norm = next;
         if (!isfinite(norm)) return 1;
         for (int i = 0; i < n; i++) {
-            double one = fabs(share * w->y[i]) / fmax(1e-3, fabs(z[b->slots[i]]));
+            /* What is small because the step is shortened says nothing. */
+            double one = fabs(w->y[i]) / fmax(1e-3, fabs(z[b->slots[i]]));
             if (one > change) change = one;
         }
         if (rank < n) {
             /* Some unknowns are free; they stay as they are if the equations hold. */
-            if (norm <= 1e-9 * fmax(1, before)) return rank < first_rank ? UNDETERMINED : 0;
+            if (norm <= 1e-9 * fmax(1, before)) return w->h.initial && rank < first_rank ? UNDETERMINED : 0;
             if (iteration > 4) return 1;
         } else if ((b->linear && iteration > 0) || change <= SOLVED) {
             return norm <= 1e-6 * fmax(1, before) || change <= SOLVED ? 0 : 1;
         }
     }
     return norm < 1e-8 ? 0 : 1;
+}
+
+/* Starts along the first and the second correction of Newton's method from w->first, on both sides, for where the
+ * solution that was followed has ended: with positive feedback through a limit, the next one is far away. */
+static int newton_from_afar(Work *w, const HybridBlock *b)
+{
+    double *z = w->h.z, *along = w->along;
+    int n = b->n, *rows = w->pivot, *columns = w->pivot + n;
+    for (int correction = 0; correction < 2; correction++) {
+        double most;
+        for (int i = 0; i < n; i++) z[b->slots[i]] = w->first[i] - (correction ? along[i] : 0);
+        b->residuals(&w->h, w->r);
+        block_jacobian(w, b, w->r, w->lu);
+        back_solve(w->lu, n, factorise(w->lu, n, 1, rows, columns), rows, columns, w->r, along, w->j);
+        most = in_shares(along, w->first, 1e-3, n);
+        if (!(most > 0) || !isfinite(most)) return 1;
+        for (double share = 1. / 64; share < 2000; share *= 4)
+            for (int side = -1; side <= 1; side += 2) {
+                for (int i = 0; i < n; i++) z[b->slots[i]] = w->first[i] + side * share / most * along[i];
+                if (!newton(w, b, FULL_STEPS)) return 0;
+            }
+    }
+    return 1;
+}
+
+/* Whether Newton's method comes back to a solution from beside it, as to a double root. */
+static int isolated(Work *w, const HybridBlock *b)
+{
+    double *z = w->h.z, *solution = w->along;
+    int n = b->n, found;
+    for (int i = 0; i < n; i++) {
+        solution[i] = z[b->slots[i]];
+        z[b->slots[i]] += (i % 2 ? 1e-2 : -1e-2) * fmax(1e-3, fabs(solution[i]));
+    }
+    found = newton(w, b, FULL_STEPS);
+    for (int i = 0; i < n; i++) {
+        w->next[i] = z[b->slots[i]] - solution[i];
+        z[b->slots[i]] = solution[i];
+    }
+    return found != 1 && in_shares(w->next, solution, 1e-3, n) < 1e-3;
 }
 
 /* Where the equations have kinks, as at limits, the residual may have to grow on the way to the solution. */
@@ -307,7 +360,17 @@ static int solve_block(Work *w, const HybridBlock *b)
         found = newton(w, b, damping);
         if (!found) return 0;
     }
-    return found;
+    if (b->linear || (found == UNDETERMINED && isolated(w, b))) return b->linear ? found : 0;
+    for (int i = 0; i < b->n; i++) z[b->slots[i]] = w->first[i];
+    b->residuals(&w->h, w->r);
+    /* A start value of 0 is often none that anybody chose, and nothing can be divided by it. */
+    for (double start = 1; start > 1e-4 && !isfinite(size_of(w->r, b->n)); start /= 1000)
+        for (Damping damping = NATURAL; damping <= FULL_STEPS; damping++) {
+            for (int i = 0; i < b->n; i++) z[b->slots[i]] = w->first[i] == 0 ? start : w->first[i];
+            if (!newton(w, b, damping)) return 0;
+            w->r[0] = INFINITY;
+        }
+    return w->may_jump ? newton_from_afar(w, b) : 1;
 }
 
 static int solve_all(Work *w, const HybridBlock *blocks, int n)
@@ -494,6 +557,18 @@ static int blamed(Work *w, int status)
     return status;
 }
 
+/* Keep the unknowns of equation blocks, or take them back. */
+static void keep_unknowns(Work *w, int back)
+{
+    double *kept = w->kept, *z = w->h.z;
+    w->has_kept = 1;
+    for (int b = 0; b < hybrid_info.n_blocks; b++)
+        for (int k = 0; !hybrid_info.blocks[b].assign && k < hybrid_info.blocks[b].n; k++, kept++) {
+            double *value = &z[hybrid_info.blocks[b].slots[k]];
+            *(back ? value : kept) = back ? *kept : *value;
+        }
+}
+
 /* Repeat an event until nothing changes. */
 static int settle(Work *w)
 {
@@ -507,7 +582,15 @@ static int settle(Work *w)
     for (int k = 0; k < i->n_pre; k++) z[i->pre_slots[k]] = z[i->pre_of[k]];
     history_pass(&w->h);
     for (int round = 0; round < MOST_ROUNDS; round++) {
-        int again = 0, status = round_of_event(w, i->blocks, i->n_blocks);
+        int again = 0, status;
+        w->may_jump = 1;
+        status = round_of_event(w, i->blocks, i->n_blocks);
+        if (status / 1000000 == BLOCK && w->has_kept) {
+            /* Where a solution has ended, the last one is a better start than where the search for it went. */
+            keep_unknowns(w, 1);
+            status = round_of_event(w, i->blocks, i->n_blocks);
+        }
+        w->may_jump = 0;
         if (status) return blamed(w, status);
         act(w);
         if ((status = reinitialise(w, &again))) return status;
@@ -544,18 +627,18 @@ static int report(Work *w, int everything)
 /* Integration */
 
 /* Jacobian of the derivatives by states and time, at t and w->x where they are w->f. Its entries in the order of
- * HybridInfo.rows; dense, [n][n] by rows. */
-static int differentiate(Work *w, double t)
+ * HybridInfo.rows; dense, [n][n] by rows. `side` 1 or -1: of the differences. */
+static int differentiate(Work *w, double t, int side)
 {
     const HybridInfo *i = &hybrid_info;
     int n = i->n_states, status;
-    double step = 1e-7 * fmax(1e-3, fabs(t)), *by = w->b;
+    double step = side * 1e-7 * fmax(1e-3, fabs(t)), *by = w->b;
     if (!i->factors) memset(w->fx, 0, (size_t)n * (size_t)n * sizeof(double));
     for (int colour = 0; colour < i->n_colours; colour++) {
         memcpy(w->xn, w->x, (size_t)n * sizeof(double));
         for (int k = 0; k < n; k++) {
             if (i->colours[k] != colour) continue;
-            w->xn[k] += 1e-7 * fmax(fabs(w->x[k]), 1e-3 * i->nominals[k]);
+            w->xn[k] += side * 1e-7 * fmax(fabs(w->x[k]), 1e-3 * i->nominals[k]);
             by[k] = w->xn[k] - w->x[k];
         }
         if ((status = slopes(w, t, w->xn, w->ft))) return status;
@@ -888,7 +971,7 @@ static int record(Work *w, double t, double h, double low, double high, int dept
 static int advance(Work *w, double t, double end)
 {
     const HybridInfo *i = &hybrid_info;
-    double *z = w->h.z, size = z[i->size_slot], last_event = -INFINITY;
+    double *z = w->h.z, size = z[i->size_slot], last_event = -INFINITY, end_of_solution = -INFINITY;
     int n = i->n_states, status, events = 0;
     if ((status = settle(w))) return status;
     if (!(size > 0)) size = 1e-3 * (end - t);
@@ -899,24 +982,40 @@ static int advance(Work *w, double t, double end)
         if (stop - t <= 8 * DBL_EPSILON * fabs(stop)) t = stop;
         for (int k = 0; k < n; k++) w->x[k] = z[i->state_slots[k]];
         if (stop > t) {
-            int refused = 0;
+            int refused = 0, ended;
             status = slopes(w, t, w->x, w->f);
-            if (!status) status = differentiate(w, t);
             if (status) return status;
+            keep_unknowns(w, 0);
+            if (n && (status = differentiate(w, t, 1)) / 1000000 == BLOCK) {
+                keep_unknowns(w, 1); /* beyond here the solution may end */
+                status = differentiate(w, t, -1);
+            }
+            ended = status / 1000000 == BLOCK;
+            if (status && !ended) return status;
             while (!done) {
                 double error = 0, factor;
                 int whole;
                 h = stop - t;
                 whole = !(h > 1.0001 * size);
                 if (!whole) h = h < 2 * size ? 0.5 * h : size;
-                if (h <= 4 * DBL_EPSILON * fabs(t) || tries++ > 200)
-                    return status ? status : OUTCOME(STEP_SIZE, 0);
-                status = n ? rodas(w, t, h, &error) : 0;
+                if (ended || h <= 4 * DBL_EPSILON * fabs(t) || tries++ > 200) {
+                    if (status / 1000000 != BLOCK || t < end_of_solution + 1e-9 * (end - t))
+                        return status ? status : OUTCOME(STEP_SIZE, 0);
+                    /* A solution ends here: an event has to find another. */
+                    end_of_solution = t;
+                    t = fmin(stop, t + 16 * DBL_EPSILON * fabs(t));
+                    memcpy(w->xn, w->x, (size_t)n * sizeof(double));
+                    size = 1e-3 * (end - t);
+                    event = 1;
+                    break;
+                }
+                status = n ? rodas(w, t, h, &error) : slopes(w, t + h, w->x, w->k[1]);
                 factor = status ? 0.1 : fmin(5, fmax(0.1, 0.9 * pow(fmax(error, 1e-10), -0.25)));
-                if (!n) factor = 5;
+                if (!n && !status) factor = 5;
                 if (status || error > 1) {
                     size = h * factor;
                     refused = 1;
+                    keep_unknowns(w, 1);
                     continue;
                 }
                 /* What is cut to reach a stop says nothing about the size that the error allows. */
