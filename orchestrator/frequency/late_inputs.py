@@ -67,8 +67,6 @@ def find_late_input(
 
     Returns: whether it acts on nothing later, either.
     """
-    if acts(part, name):
-        return False
     found = _measured(one, part, name, values, prepared)
     if found == "idle":
         return True

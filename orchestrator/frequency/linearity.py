@@ -78,11 +78,10 @@ def unlike_parts(prepared: Prepared, linear: Linearised, modes: Modes) -> list[U
         if one.name in linear.of_measures or one.fmu.path is None:
             continue
         stretch = _stretch(one, linear, mode, size)
-        growth = max(np.linalg.eigvals(linear.parts[one.name].a).real, default=0.0)
         samples = _every(linear, one.name, size)
         part = sampled_part(linear, one.name, size * stretch, samples=samples)
         inputs = [name for name in part.space.inputs if f"{one.name}.{name}" in moved]
-        worst = _worst(one, inputs, moved, mode, prepared, linear, part, stretch, growth) if inputs else None
+        worst = _worst(one, inputs, moved, mode, prepared, linear, part, stretch) if inputs else None
         found += [worst] if worst is not None else []
     return found
 
@@ -127,13 +126,13 @@ def _worst(
     linear: Linearised,
     part: Any,
     stretch: int,
-    growth: float,
 ) -> Unlike | None:
     step = float(prepared.grid.step_size) * stretch
     omega = _omega(mode)
     count = int(np.ceil(_CYCLES * 2.0 * np.pi / (omega * step)))
     if not 8 * _CYCLES <= count <= _MOST:
         return None
+    growth = max(np.linalg.eigvals(linear.parts[one.name].a).real, default=0.0)
     count = min(count, int(_GROWN / (growth * step)) if growth > 0.0 else count)
     if count < 8:
         return None

@@ -1,13 +1,13 @@
 """Which roots hold for one moment only: the run moves the operating point on before they could act.
 
-A root s tells how motion grows or decays within 1/|s|. At a point where a run does not rest, the linear
+A root s states how motion grows or decays within 1/|s|. At a point where a run does not rest, the linear
 equations change meanwhile. The run goes on from there, and the equations are taken again at later instants:
 where a root has changed by a share of itself within its own 1/|s|, it says nothing about the run.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ..master.running_instances import Instances, instantiate
 from ..simulation.run import Prepared
 from .delay_equation import Modes
 from .from_system import Linearised
+from .statespace import StateSpace
 
 __all__ = ["momentary_roots"]
 
@@ -77,21 +78,27 @@ def _follow(
             if passed >= after - 1e-9 * step:
                 after = max(_RATIO * after, passed + step)
                 left = [root for root in left if passed <= 1.0 / abs(root)]
-                parts = linear.parts_at(prepared, instances)
-                if not _same(*([m for one in each.values() for m in (one.a, one.b, one.c, one.d)]
-                               for each in (before, parts))):  # fmt: skip
-                    system = linear.closed(parts)
-                    for root in left:
-                        near = system.root_near(root)
-                        if near is None or abs(near - root) > _CHANGED * abs(root):
-                            found[root] = passed
-                    left = [root for root in left if root not in found]
+                changed = _changed(linear, before, linear.parts_at(prepared, instances), left)
+                found |= dict.fromkeys(changed, passed)
+                left = [root for root in left if root not in changed]
                 if not left:
                     return
         if point.last:
             break
         signals, info = prepared.master.step(instances.system, instances, point, signals)
         info.raise_on_failure(point)
+
+
+def _changed(
+    linear: Linearised, before: Mapping[str, StateSpace], now: Mapping[str, StateSpace], roots: list[complex]
+) -> list[complex]:
+    """Those of the roots that differ by more than `_CHANGED` of themselves with the state spaces of now."""
+    matrices = ([m for one in each.values() for m in (one.a, one.b, one.c, one.d)] for each in (before, now))
+    if _same(*matrices):
+        return []
+    system = linear.closed(now)
+    near = {root: system.root_near(root) for root in roots}
+    return [root for root, one in near.items() if one is None or abs(one - root) > _CHANGED * abs(root)]
 
 
 def _same(some: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 from ..base.provenance import origin
 from ..plotting import page as pieces
+from ..plotting.figures import encoded
 from .system_report import later_words
 
 __all__ = ["stability_page"]
@@ -38,7 +38,7 @@ def stability_page(report: Mapping[str, Any], figures: Mapping[str, Path], words
     """
     images = {
         name: pieces.figure(
-            f'<img alt="{escape(name)}" src="data:image/png;base64,{b64encode(one.read_bytes()).decode()}">',
+            f'<img alt="{escape(name)}" src="data:image/png;base64,{encoded(one)}">',
             _CAPTIONS.get(name, name),
             name,
         )

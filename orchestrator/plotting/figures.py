@@ -162,8 +162,10 @@ def _written(figure: Figure, target: Any, **options: Any) -> None:
         figure.savefig(target, **options)
 
 
-def encoded(figure: Figure, dpi: int = 110) -> str:
-    """A figure as PNG in base 64, to stand in a page."""
+def encoded(figure: Figure | Path, dpi: int = 110) -> str:
+    """A figure, or a PNG file, in base 64, to stand in a page."""
+    if isinstance(figure, Path):
+        return base64.b64encode(figure.read_bytes()).decode("ascii")
     memory = io.BytesIO()
     _written(figure, memory, format="png", dpi=dpi)
     return base64.b64encode(memory.getvalue()).decode("ascii")

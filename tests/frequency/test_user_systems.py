@@ -194,7 +194,7 @@ def test_an_algebraic_loop_is_solved_and_verified_with_steps_of_its_own(models):
     assert verified(config, linear)["steps"][-1]["difference"] < 0.01
 
 
-def test_roots_that_hold_for_one_moment_only_are_parted_from_those_that_last(models):
+def test_roots_that_hold_for_one_moment_only_are_distinguished_from_those_that_last(models):
     prepared = prepare(system_of(models, "5 ms", "10 s", one="Swinging").data)
     linear = linearise(prepared)
     (root, time), *others = momentary_roots(prepared, linear, linear.modes()).items()

@@ -64,7 +64,7 @@ def _step(rows, wiring, z, n, e0, e1, held, t, h, acts, signals, u, y, sub, past
     base = k[4]
     first = now[0]
     for s in range(sub):
-        for j in range(len(z)):
+        for j in range(len(z)):  # base[:] = z would allocate
             base[j] = z[j]
         now[0] = first + s
         for i in range(4):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterable, Mapping
 from html import escape
 from pathlib import Path
@@ -35,7 +34,7 @@ def page_of_folder(folder: Path, summary: Mapping[str, Any]) -> str:
     for name in summary["figures"]:
         path = folder / "figures" / f"{name}.png"
         if path.is_file():
-            images[name] = base64.b64encode(path.read_bytes()).decode("ascii")
+            images[name] = encoded(path)
     return _page(summary, images)
 
 

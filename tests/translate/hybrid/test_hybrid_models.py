@@ -921,7 +921,7 @@ end M;
 def test_a_solution_that_ends_without_an_event_is_followed_by_another(tmp_path, step):
     """A comparator with hysteresis whose limits, min and max, make no events.
 
-    y is -15 until vp = -0.001, at x = 1 - 0.001*16/15, and 15 from then on.
+    y is -15 until vp = -0.001, at x = 1 - 0.001*16/15, and 15 after that.
     """
     text = """
 model M

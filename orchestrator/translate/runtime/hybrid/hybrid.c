@@ -360,16 +360,17 @@ static int solve_block(Work *w, const HybridBlock *b)
         found = newton(w, b, damping);
         if (!found) return 0;
     }
-    if (b->linear || (found == UNDETERMINED && isolated(w, b))) return b->linear ? found : 0;
+    if (b->linear) return found;
+    if (found == UNDETERMINED && isolated(w, b)) return 0;
     for (int i = 0; i < b->n; i++) z[b->slots[i]] = w->first[i];
     b->residuals(&w->h, w->r);
     /* A start value of 0 is often none that anybody chose, and nothing can be divided by it. */
-    for (double start = 1; start > 1e-4 && !isfinite(size_of(w->r, b->n)); start /= 1000)
-        for (Damping damping = NATURAL; damping <= FULL_STEPS; damping++) {
-            for (int i = 0; i < b->n; i++) z[b->slots[i]] = w->first[i] == 0 ? start : w->first[i];
-            if (!newton(w, b, damping)) return 0;
-            w->r[0] = INFINITY;
-        }
+    if (!isfinite(size_of(w->r, b->n)))
+        for (double start = 1; start > 1e-4; start /= 1000)
+            for (Damping damping = NATURAL; damping <= FULL_STEPS; damping++) {
+                for (int i = 0; i < b->n; i++) z[b->slots[i]] = w->first[i] == 0 ? start : w->first[i];
+                if (!newton(w, b, damping)) return 0;
+            }
     return w->may_jump ? newton_from_afar(w, b) : 1;
 }
 
