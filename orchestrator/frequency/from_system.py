@@ -32,6 +32,7 @@ from .late_inputs import MEASURE, acts, find_late_input, idle_together
 from .margins import DelayMargin, Margins
 from .measured_part import measured_part
 from .measured_samples import sampled_law, sampling
+from .measured_states import from_start_values, start_outputs
 from .open_loop import OpenLoop
 from .statespace import LateInput, Law, StateSpace, linearised, real_ports, without_idle_integrators
 from .twin_runs import resumed
@@ -275,7 +276,8 @@ def _linearised(
             elif refusal(one) is None:
                 part = linearised(one.fmu, running, inputs, outputs)
             else:
-                part = StateSpace(*(np.zeros((0, 0)) for _ in range(4)), (), (), ())
+                none = np.zeros((0, 0))
+                part = StateSpace(none, none, none, none, (), (), ())
             names = [name for name in part.states if name in one.fmu.description.variables]
             values = running.get_values([*names, *inputs])
             point |= {f"{one.name}.{name}": float(value) for name, value in values.items()}
@@ -309,6 +311,9 @@ def _linearised(
                     problems.append(Problem(one.name, f"it {why}, and {sampled}", "", _REMEDY))
                     continue
                 found = _by_steps(here[0], inputs, read, values, here[1], why)
+                if isinstance(found, str) and (states := start_outputs(one)):
+                    there = {**values, **running.get_values(states)}
+                    found = _by_start_values(one, inputs, read, there, here[1], why, found)
                 if isinstance(found, str) and refusal(one) is not None:
                     problems.append(Problem(one.name, f"it {why}, and {found}", "", _REMEDY))
                     continue
@@ -347,12 +352,12 @@ def _linearised(
     for one in system.instances:
         if one.name not in known and not inner.get(one.name):
             outputs = parts[one.name].outputs
-            read = [name for name in outputs if f"{one.name}.{name}" in seen] or outputs
-            parts[one.name], idle, kept = without_idle_integrators(parts[one.name], read)
+            shown = [name for name in outputs if f"{one.name}.{name}" in seen] or outputs
+            parts[one.name], idle, kept = without_idle_integrators(parts[one.name], shown)
             hidden |= {
-                f"{one.name}.{name}": replace(late, gains=late.gains[kept])
-                for name in parts[one.name].inputs
-                if (late := hidden.get(f"{one.name}.{name}")) is not None
+                name: replace(hidden[name], gains=hidden[name].gains[kept])
+                for name in (f"{one.name}.{port}" for port in parts[one.name].inputs)
+                if name in hidden
             }
             if idle:
                 notes.append(f"{one.name}: no connection shows {listed(idle)}: the roots at 0 are left out")
@@ -365,7 +370,7 @@ def _linearised(
         else one
         for one in chains
     ]
-    paths = {name: (one,) for name, one in hidden.items()}
+    paths: dict[str, tuple[LateInput, ...]] = {name: (one,) for name, one in hidden.items()}
     for name, law in known.items():
         paths |= {f"{name}.{port}": late for port, late in law.late.items()}
 
@@ -439,6 +444,30 @@ def _by_steps(
     count = f"{len(part.states)} state{'' if len(part.states) == 1 else 's'}"
     text = f"{one.name} {why}; its step response was measured: {count}{within}, error {100 * error:.2g} %"
     return part, late, [text, _UNSEEN] if read else []
+
+
+def _by_start_values(
+    one: Instance,
+    inputs: tuple[str, ...],
+    read: tuple[str, ...],
+    values: Mapping[str, Any],
+    prepared: Prepared,
+    why: str,
+    before: str,
+) -> tuple[StateSpace, dict[str, LateInput], list[str]] | str:
+    """The state space of an instance whose outputs with start values are its state, and notes.
+
+    Args: before: why its step responses do not give it.
+    """
+    found = from_start_values(one, inputs, read, values, prepared)
+    if isinstance(found, str):
+        return f"{before}; {found}"
+    part, error = found
+    text = (
+        f"{one.name} {why}; its outputs with start values are its {len(part.states)} states, and runs from "
+        f"changed ones were measured, error {100 * error:.2g} %"
+    )
+    return part, {}, [text]
 
 
 def _inner_note(one: Instance, part: StateSpace, inner: InnerDelay) -> str:

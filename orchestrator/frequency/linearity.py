@@ -22,6 +22,7 @@ from .delay_equation import Mode, Modes
 from .from_system import Linearised
 from .measured_part import differences
 from .sampled_system import SampledPart, sampled_part
+from .statespace import LateInput
 
 __all__ = ["Unlike", "linearity_text", "unlike_parts"]
 
@@ -107,7 +108,7 @@ def _moved(linear: Linearised, mode: Mode) -> dict[str, complex]:
     """The inputs' parts in a mode, by name."""
     whole = linear.system.vector(mode.root)
     values = dict(zip(linear.system.inputs, whole[len(linear.system.states) :], strict=True))
-    paths = {name: (one,) for name, one in linear.late.items()}
+    paths: dict[str, tuple[LateInput, ...]] = {name: (one,) for name, one in linear.late.items()}
     for name, law in linear.laws.items():
         paths |= {f"{name}.{port}": late for port, late in law.late.items()}
     for name, late in paths.items():
@@ -163,9 +164,11 @@ def _worst(
         other = answers(-0.5)
         if len(other) == count:
             # Of half the motion backwards what is of second order is half as large, with the other sign: that
-            # is a smooth law, as of the real part of a quaternion.
-            curved = abs(other - expected + 0.5 * (found - expected)).max(axis=0) < _APART * apart * size
-            apart[curved] = 0.0
+            # is a smooth law, as of the real part of a quaternion. What is small there is rounded.
+            beside = found - expected
+            large = abs(beside) > 0.5 * abs(beside).max(axis=0)
+            missing = np.where(large, other - expected + 0.5 * beside, 0.0)
+            apart[abs(missing).max(axis=0) < _APART * apart * size] = 0.0
         place = int(np.argmax(apart))
         if not apart[place] > _APART:
             return None
