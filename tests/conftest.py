@@ -145,7 +145,7 @@ _LONGEST = (
     "diagnosis/test_challenge_rig.py::test_of_a_pair_the_other_effect_may_have_any_size",
     "diagnosis/test_challenge_rig.py::test_two_effects_imitate_what_one_does_not",
     "diagnosis/test_challenge_rig.py::test_what_an_effect_shows_counts_from_what_the_lab_believes",
-    "diagnosis/test_challenge_rig.py::test_what_another_effect_imitates_cannot_be_told_from_it",
+    "diagnosis/test_challenge_rig.py::test_what_another_effect_imitates_cannot_be_distinguished_from_it",
     "diagnosis/test_challenge_rig.py::test_what_roughness_explains_is_no_evidence",
     "diagnosis/test_evidence.py::test_a_clear_effect_is_found_in_its_size_beside_a_random_link",
     "diagnosis/test_evidence.py::test_a_sensor_with_a_cycle_of_its_own_is_not_one_that_loses_samples",

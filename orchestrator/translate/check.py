@@ -141,10 +141,10 @@ class _Checker:
         for path, text in texts.items():
             seen: set[str] = set()
             for _ in range(30):
-                told = syntax_faults({path: text}, self._tree.shown)
-                new = [one for one in told if one not in seen]
+                reported = syntax_faults({path: text}, self._tree.shown)
+                new = [one for one in reported if one not in seen]
                 if not new or not self._more():
-                    sound = sound and not told
+                    sound = sound and not reported
                     break
                 seen |= set(new)
                 self.add("syntax", "\n".join(new))
@@ -164,10 +164,10 @@ class _Checker:
         from .complaints import UNBALANCED
 
         while True:
-            told = list(self._stages(tree, whole))
+            reported = list(self._stages(tree, whole))
             new = [
                 (kind, fault)
-                for kind, text in told
+                for kind, text in reported
                 if whole or kind != "balance"
                 for fault in self.add(kind, text)
             ]
@@ -238,10 +238,10 @@ class _Checker:
         try:
             system = read(tree, name, folders, partial=not whole)
         except BuildError as error:
-            told = in_file(tree, error)
+            message = in_file(tree, error)
             # Without its delays a model may still be one of the explicit route.
-            if whole or "delay()" not in told:
-                yield "unsupported", told
+            if whole or "delay()" not in message:
+                yield "unsupported", message
             return
         if whole:
             try:

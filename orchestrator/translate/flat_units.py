@@ -1,7 +1,7 @@
 """Check units of the equations of the compiler's flat representation.
 
 A number or a variable without a unit fits everything. The radian counts as 1, as equations such as
-v = omega*r need; so Hz and rad/s are not told apart here.
+v = omega*r need; so Hz and rad/s are not distinguished here.
 """
 
 from __future__ import annotations

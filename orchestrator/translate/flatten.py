@@ -126,8 +126,8 @@ def syntax_faults(texts: Mapping[str, str], shown: Callable[[str], str]) -> list
                     found += named
                     continue
                 line, column = map(int, where[1].split(":"))
-                if told := _meant(text, line, column, first[0]):
-                    found.append(f"{shown(path)}:{where[1]}: {told}")
+                if meaning := _meant(text, line, column, first[0]):
+                    found.append(f"{shown(path)}:{where[1]}: {meaning}")
                     continue
                 if twice := re.match(r"parse error: Duplicate declaration of '(\w+)'", what[1].strip()):
                     found.append(

@@ -130,7 +130,7 @@ _FLAGS = (
     # of Mac would differ in the last bits.
     "-ffp-contract=off",
     "-fno-fast-math",
-    # `zig cc` instruments C with traps for undefined behaviour unless told not to.
+    # `zig cc` instruments C with traps for undefined behaviour unless it is asked not to.
     "-fno-sanitize=all",
     # Without the C library's assert: it would embed file names.
     "-DNDEBUG",

@@ -16,7 +16,7 @@ _OPENING = ("for", "if", "when", "while")
 
 
 def culprit(
-    tree: SourceTree, model: str, message_of: Callable[[SourceTree], str], told: str
+    tree: SourceTree, model: str, message_of: Callable[[SourceTree], str], message: str
 ) -> Location | None:
     """The place of the equation or binding without which the compiler does not say what it does.
 
@@ -24,11 +24,11 @@ def culprit(
         tree: the source files, whose compilation gives a message.
         model: qualified name of the model.
         message_of: compiles a tree; returns the message, "" if there is none.
-        told: what the compiler says, in its own words.
+        message: what the compiler says, in its own words.
     """
     item = tree.classes[model]
     text = tree.texts[item.file]
-    if told not in message_of(tree):
+    if message not in message_of(tree):
         return None
     for count, (first, last) in enumerate(statements(item.tokens)):
         if count >= _MOST_TRIES:
@@ -36,7 +36,7 @@ def culprit(
         end = last.start + len(last.text)
         blank = "".join(one if one == "\n" else " " for one in text[first.start : end])
         less = replace(tree, texts={**tree.texts, item.file: text[: first.start] + blank + text[end:]})
-        if told not in message_of(less):
+        if message not in message_of(less):
             return tree.at(item.file, first)
     return None
 

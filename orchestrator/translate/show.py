@@ -49,10 +49,10 @@ def show_model(
         try:
             return blocks_text(solved(tree, name, folders))
         except BuildError as error:
-            told = in_file(tree, error)
-            if "delay()" in told:
+            message = in_file(tree, error)
+            if "delay()" in message:
                 return _explicit_text(explicit_program(tree, name)[0])
-            raise BuildError(told) from None
+            raise BuildError(message) from None
 
 
 def _explicit_text(program: Program) -> str:

@@ -62,11 +62,11 @@ def ran(code: str, *paths: Path, **environment: str) -> tuple[float, int]:
     """What a process of its own prints: a force, and how often it found machine code."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
     kept |= {"PYTHONPATH": os.pathsep.join(map(str, paths)), **environment}
-    told = subprocess.run(
+    reported = subprocess.run(
         [sys.executable, "-c", code], env=kept, cwd=paths[0], capture_output=True, text=True, check=False
     )
-    assert told.returncode == 0, told.stderr
-    force, hits = told.stdout.split()
+    assert reported.returncode == 0, reported.stderr
+    force, hits = reported.stdout.split()
     return float(force), int(hits)
 
 
@@ -114,7 +114,7 @@ def test_a_callee_in_another_file_is_compiled_anew(copy):
 def test_machine_code_of_older_sources_goes(copy):
     folder = copy / "orchestrator" / "diagnosis" / "rig" / "effects"
     (folder / "__pycache__").mkdir()
-    # Kept before the names of files told of all sources, and of another function and another Python.
+    # Names of an earlier format, which did not depend on all sources; of another Python and another function.
     python = "".join(map(str, sys.version_info[:2]))
     before = folder / "__pycache__" / f"dynamics_slosh._law-12.py{python}.1.nbc"
     others = [before.with_name(f"dynamics_slosh.{name}") for name in ("_law-12.py27.1.nbc", "_lawful-1.nbi")]
@@ -178,8 +178,11 @@ def test_where_nothing_can_be_written_all_is_compiled(copy):
 
 
 def test_the_folder_that_numba_is_reported_is_taken(copy, tmp_path):
-    assert [ran(SLOSH + CALL, copy, NUMBA_CACHE_DIR=str(tmp_path / "told"))[1] for _ in range(2)] == [0, 1]
-    assert kept_files(tmp_path / "told", "dynamics_slosh._law")
+    assert [ran(SLOSH + CALL, copy, NUMBA_CACHE_DIR=str(tmp_path / "reported"))[1] for _ in range(2)] == [
+        0,
+        1,
+    ]
+    assert kept_files(tmp_path / "reported", "dynamics_slosh._law")
     assert not kept_files(copy / "orchestrator", "dynamics_slosh._law")
 
 

@@ -94,12 +94,12 @@ def main() -> None:
     for outside in (True, False):
         some = [one for one in every if (one.kind == "outside") == outside]
         count = sum("outside" in one.verdict.effects for one in some)
-        title = "outside the catalogue, and told so" if outside else "not outside, and told so"
+        title = "outside the catalogue, and reported so" if outside else "not outside, and reported so"
         print(f"{title:<40} {count}/{len(some)}")
     for name, _ in (("all", 0.0), *BANDS):
         here = [one for one in strange if name in ("all", band(one.truth["magnitude"]))]
         count = sum("outside" in one.verdict.effects for one in here)
-        print(f"{'known kinds outside, told so: ' + name:<40} {count}/{len(here)}")
+        print(f"{'known kinds outside, reported so: ' + name:<40} {count}/{len(here)}")
     kinds = Counter(one.kind for one in every)
     for kind in ("single", "pair"):
         count = sum(one.effect_right for one in every if one.kind == kind)
@@ -113,8 +113,8 @@ def main() -> None:
             sum(some) / len(here)
             for some in ([one.confidence for one in here], [one.first_right for one in here])
         )
-        told = f"{error:.3f} (exact probabilities: {exact['mean']:.3f})"
-        print(f"{'calibration error, ' + name:<40} {told}; claimed {claimed:.2f}, right {right:.2f}")
+        reported = f"{error:.3f} (exact probabilities: {exact['mean']:.3f})"
+        print(f"{'calibration error, ' + name:<40} {reported}; claimed {claimed:.2f}, right {right:.2f}")
 
 
 def _band(one: Marked) -> str:

@@ -43,20 +43,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"{case.name}, {options.steps} steps, everything recorded")
         print(f"{'':44}{'clock [s]':>12}{'CPU [s]':>12}{'peak memory [MB]':>18}")
 
-        def told(what: str, work) -> None:
+        def reported(what: str, work) -> None:
             clock, cpu = perf_counter(), process_time()
             work()
             clock, cpu = perf_counter() - clock, process_time() - cpu
             peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
             print(f"{what:44}{clock:12.2f}{cpu:12.2f}{peak:18.0f}", flush=True)
 
-        told("imports and 1000 steps", lambda: _ran(plant, 1000, 1, path))
-        told("the run, streamed to disk", lambda: _ran(plant, options.steps, 1, path))
-        told("the same with half the step size", lambda: _ran(plant, options.steps, 2, halved))
-        told("comparing all signals of the two", lambda: signal_changes(*map(read_results, (path, halved))))
-        told("reading one signal", lambda: read_results(path)["s1.y0"].max())
+        reported("imports and 1000 steps", lambda: _ran(plant, 1000, 1, path))
+        reported("the run, streamed to disk", lambda: _ran(plant, options.steps, 1, path))
+        reported("the same with half the step size", lambda: _ran(plant, options.steps, 2, halved))
+        reported(
+            "comparing all signals of the two", lambda: signal_changes(*map(read_results, (path, halved)))
+        )
+        reported("reading one signal", lambda: read_results(path)["s1.y0"].max())
         if options.csv:
-            told("writing CSV", lambda: read_results(path).to_csv(folder / "results.csv"))
+            reported("writing CSV", lambda: read_results(path).to_csv(folder / "results.csv"))
         print(f"the file: {path.stat().st_size / 2**20:.0f} MB")
 
 

@@ -89,8 +89,8 @@ def main() -> None:
             except (OrchestratorError, OSError) as error:
                 cells.append("-")
                 remarks.append(" ".join(str(error).replace(str(fmu), fmu.name).split())[:120])
-        told = "; ".join(dict.fromkeys(one for one in remarks if one))
-        print(f"| {fmu.stem} | {version} | {cells[0]} | {cells[1]} | {told} |")
+        reported = "; ".join(dict.fromkeys(one for one in remarks if one))
+        print(f"| {fmu.stem} | {version} | {cells[0]} | {cells[1]} | {reported} |")
 
 
 if __name__ == "__main__":

@@ -84,7 +84,7 @@ def _summary(times: Times) -> str:
         "in memory": (native, True),
         "to disk": (f"{native}, to disk", True),
     }
-    told = [
+    reported = [
         f"{what} {_ratio(times, key, ('plain C master', key[1])):.2f}"
         for what, key in shown.items()
         if times[key]
@@ -95,7 +95,7 @@ def _summary(times: Times) -> str:
         if key[1] and not key[0].startswith(("orchestrator", "plain C")) and times[key]
     ]
     least = f"; other tools that record, to it: {min(others):.0f} or more" if others else ""
-    return f"native loop to the C master: {', '.join(told)}{least}"
+    return f"native loop to the C master: {', '.join(reported)}{least}"
 
 
 def _ratio(times: Times, one: tuple[str, bool], other: tuple[str, bool]) -> float:

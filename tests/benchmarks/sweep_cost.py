@@ -254,14 +254,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     with tempfile.TemporaryDirectory(prefix="sweeps-") as name:
         folder = Path(name)
-        share, told = efficiency(folder, options.runs, changes)
-        tell(told)
+        share, reported = efficiency(folder, options.runs, changes)
+        tell(reported)
         tell(cluster(folder, options.runs, changes))
         tell(cost(folder, min(options.runs, 200), changes))
-        stored, told = storage(folder, options.runs, changes)
-        tell(told)
-        own, told = memory(folder, options.quick_runs)
-        tell(told)
+        stored, reported = storage(folder, options.runs, changes)
+        tell(reported)
+        own, reported = memory(folder, options.quick_runs)
+        tell(reported)
         tell(["", *outlook(each_run(folder / "one"), own, stored, min(share, 1.0))], "")
     if options.out:
         options.out.write_text("\n".join(lines) + "\n", encoding="utf-8")

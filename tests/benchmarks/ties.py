@@ -65,9 +65,9 @@ def broken(study: Study, truth: str, seed: int) -> Told | None:
     tied = {name: model for name, model in _tied(study, found).items() if len(model.effects) == 1}
     if truth not in tied or len(tied) < 2 or found.effects not in [(name,) for name in tied]:
         return None
-    told = next_experiment(study, found)
-    assert told is not None
-    experiment = next(one for one in menu() if one.name == told["name"])
+    reported = next_experiment(study, found)
+    assert reported is not None
+    experiment = next(one for one in menu() if one.name == reported["name"])
     effects = [catalogue()[name] for name in tied]
     trial = Trial(study, experiment, tied[truth], effects)
     costs = {}
@@ -81,7 +81,7 @@ def broken(study: Study, truth: str, seed: int) -> Told | None:
         costs[name] = min(fitter.fit(model.effects, *begin).cost for begin in begins)
     gains = {name: 0.5 * (costs["none"] - costs[name]) for name in tied}
     most = max(gain for name, gain in gains.items() if name != truth)
-    return Told(told["name"], gains[truth] - max(most, 0.0), most < _NOTHING)
+    return Told(reported["name"], gains[truth] - max(most, 0.0), most < _NOTHING)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -101,14 +101,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
             plan = draw.Plan("single", (hidden.HIDDEN[truth],), magnitude)
             case = draw.draw_case(plan, options.seed, number)
             study = observed(case, logged(case, (Role.TRAIN,)))
-            told = broken(study, truth, number)
-            if told is None:
+            reported = broken(study, truth, number)
+            if reported is None:
                 print(f"{number:3d} {truth:<26} {magnitude:.2f}  no tie with it", flush=True)
                 continue
-            found.append(told)
-            more = "; no rival does anything" if told.alone else ""
-            shown = f"leads by {told.lead:.1f} nats{more}"
-            print(f"{number:3d} {truth:<26} {magnitude:.2f}  {told.experiment:<30} {shown}", flush=True)
+            found.append(reported)
+            more = "; no rival does anything" if reported.alone else ""
+            shown = f"leads by {reported.lead:.1f} nats{more}"
+            print(f"{number:3d} {truth:<26} {magnitude:.2f}  {reported.experiment:<30} {shown}", flush=True)
     count = sum(one.broken for one in found)
     if found:
         low, high = binomtest(count, len(found)).proportion_ci(method="wilson")

@@ -32,9 +32,9 @@ def store(tmp_path_factory):
 def test_a_sweep_tells_what_it_came_to(store, capsys):
     study = str(store.parent / "delays.yaml")
     assert main(["sweep", study, "--store", str(store)]) == 0
-    told = capsys.readouterr()
-    assert told.out.startswith("3 points: 0 runs made, 3 found in the store, 0 failed; ")
-    assert told.err == ""  # no bar where there is no terminal
+    reported = capsys.readouterr()
+    assert reported.out.startswith("3 points: 0 runs made, 3 found in the store, 0 failed; ")
+    assert reported.err == ""  # no bar where there is no terminal
     assert main(["sweep", study, "--store", str(store), "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert (data["points"], data["made"], data["reused"], data["failed"]) == (3, 0, 3, {})
@@ -78,11 +78,13 @@ def test_bad_commands_are_refused_with_all_that_is_wrong(tmp_path, capsys, store
     path = tmp_path / "bad.yaml"
     path.write_text(STUDY.replace("4 ms", "4 N"))
     assert main(["sweep", str(path), "--jobs", "0"]) == 2
-    told = capsys.readouterr().err
-    assert "--jobs: got 0" in told and "--store: is missing" in told and "cannot take '4 N'" in told
+    reported = capsys.readouterr().err
+    assert (
+        "--jobs: got 0" in reported and "--store: is missing" in reported and "cannot take '4 N'" in reported
+    )
     assert main(["sweep", str(path), "--out", "here"]) == 2
-    told = capsys.readouterr().err
-    assert "--out: is no option of sweep" in told and "Did you mean --store here?" in told
+    reported = capsys.readouterr().err
+    assert "--out: is no option of sweep" in reported and "Did you mean --store here?" in reported
     assert main(["store", "query", str(store), "select nothing from nowhere"]) == 2
     assert "nowhere" in capsys.readouterr().err
     assert main(["store", "show", str(store), "zzz"]) == 2
@@ -91,8 +93,8 @@ def test_bad_commands_are_refused_with_all_that_is_wrong(tmp_path, capsys, store
         main(["store", "export", str(store), "--out", str(tmp_path / "x"), "--format", "xls", "--views", "y"])
         == 2
     )
-    told = capsys.readouterr().err
-    assert "no format 'xls'" in told and "no view 'y'" in told
+    reported = capsys.readouterr().err
+    assert "no format 'xls'" in reported and "no view 'y'" in reported
     assert main(["store", "list", str(tmp_path)]) == 2
     assert "is not a store of runs" in capsys.readouterr().err
 
@@ -101,17 +103,17 @@ def test_a_sweep_whose_runs_all_fail_ends_with_one(tmp_path, capsys):
     path = tmp_path / "short.yaml"
     path.write_text(STUDY + "time_limit: 1 ms\n")
     assert main(["sweep", str(path), "--store", str(tmp_path / "store"), "--jobs", "1"]) == 1
-    told = capsys.readouterr().out
-    assert "3 failed" in told
-    assert "  time limit: 3, for example: took longer than 0.001 s, and was ended" in told
+    reported = capsys.readouterr().out
+    assert "3 failed" in reported
+    assert "  time limit: 3, for example: took longer than 0.001 s, and was ended" in reported
 
 
 def test_a_store_that_is_a_file_is_refused_before_anything_runs(tmp_path, capsys, store):
     study, file = str(store.parent / "delays.yaml"), tmp_path / "file"
     file.write_text("mine")
     assert main(["sweep", study, "--store", str(file), "--quiet"]) == 2
-    told = f"orchestrator: {file}: is a file\n  a folder, which is made if need be\n"
-    assert capsys.readouterr().err == told
+    reported = f"orchestrator: {file}: is a file\n  a folder, which is made if need be\n"
+    assert capsys.readouterr().err == reported
     assert main(["sweep", study, "--store", str(file / "in"), "--quiet"]) == 2
     assert f"cannot make the folder {file / 'in'} (" in capsys.readouterr().err
     assert file.read_text() == "mine"

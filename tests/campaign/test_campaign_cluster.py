@@ -20,7 +20,7 @@ from orchestrator.campaign import Store
 from orchestrator.fmi.workers import LocalPool, Retry, Work, pool_of
 from orchestrator.fmi.workers.files import place_of, put_file
 
-posix = pytest.mark.skipif(os.name != "posix", reason="signals are told by name on POSIX only")
+posix = pytest.mark.skipif(os.name != "posix", reason="signals are reported by name on POSIX only")
 
 
 @pytest.fixture(scope="module")

@@ -85,7 +85,7 @@ def test_a_deviation_is_a_difference_which_scales_begin_anywhere_alike(tmp_path,
 
 
 @pytest.mark.parametrize(
-    ("std", "told"),
+    ("std", "reported"),
     [
         ("0 K", "m.mass: std '0 K' is not positive"),
         ("-1 K", "m.mass: std '-1 K' is not positive"),
@@ -94,11 +94,11 @@ def test_a_deviation_is_a_difference_which_scales_begin_anywhere_alike(tmp_path,
         (True, "m.mass: std True is no number"),
     ],
 )
-def test_deviations_that_are_none_are_refused(tmp_path, std, told):
+def test_deviations_that_are_none_are_refused(tmp_path, std, reported):
     fmu = with_mass_in("K", tmp_path / "K.fmu", "300")
     with pytest.raises(ConfigError) as caught:
         one_body(fmu, design=sample("m.mass", {"normal": {"mean": "20 degC", "std": std}}))
-    assert told in str(caught.value)
+    assert reported in str(caught.value)
 
 
 def noisy(design, master="jacobi"):

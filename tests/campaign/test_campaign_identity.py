@@ -202,7 +202,7 @@ def _weighing(fmu, mass, **grid):
     return one_body(fmu, system=system, design=design).task(0)[0].key
 
 
-def test_start_values_of_the_system_are_told_apart_by_the_unit_of_the_fmu_that_a_point_has(bodies):
+def test_start_values_of_the_system_are_distinguished_by_the_unit_of_the_fmu_that_a_point_has(bodies):
     kilograms, grams = bodies
     varied = _weighing(kilograms, "100 kg", **{"m.fmu": [str(grams)]})
     assert varied == _weighing(grams, "1e5 g")

@@ -33,11 +33,11 @@ import sys, time
 sys.path[:0] = [{here!r}, {root!r}]
 from campaign_bench import quick
 study = quick(design={{"grid": {{"robot.tau_m": {{"from": "4 ms", "to": "12 ms", "count": 40}}}}}})
-told = []
+reported = []
 def progress(done, of, failed):
     print(done, flush=True)
-    told.append(done)
-    time.sleep(0.2 if len(told) > 4 else 0.0)
+    reported.append(done)
+    time.sleep(0.2 if len(reported) > 4 else 0.0)
 study.run({store!r}, jobs=1, progress=progress)
 """
 
@@ -270,7 +270,7 @@ def test_a_disk_that_is_full_when_a_part_is_made_loses_nothing(tmp_path):
     assert [one.stat().st_size < part // 2 for one in journals(store)] == [True]
     assert _values(store) == expected[:8]
     # As long as there is no room it is reported again, and nothing is lost by trying.
-    assert "the disk is full" in _told_when_opened(store, part // 2)
+    assert "the disk is full" in _reported_when_opened(store, part // 2)
     assert _values(store) == expected[:8]
     with StoreWriter(store) as writer:
         assert writer.seen() == dict.fromkeys((f"r{n:02d}" for n in range(8)), False)
@@ -278,7 +278,7 @@ def test_a_disk_that_is_full_when_a_part_is_made_loses_nothing(tmp_path):
     assert _values(store) == expected[:8]
 
 
-def _told_when_opened(store, most):
+def _reported_when_opened(store, most):
     code = f"""
 import resource, sys
 sys.path[:0] = [{str(HERE.parents[1])!r}]

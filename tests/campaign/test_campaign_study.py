@@ -38,7 +38,7 @@ def refused(**changes):
 
 
 def test_everything_that_is_wrong_is_reported_at_once():
-    told = refused(
+    reported = refused(
         design={
             "multiply": [
                 {
@@ -54,7 +54,7 @@ def test_everything_that_is_wrong_is_reported_at_once():
         },
         derived={"peak": "max(contact.forse)", "status": "1"},
     )
-    assert told.splitlines() == [
+    assert reported.splitlines() == [
         "study: derived.status: 'status' cannot name a quantity",
         "  the store has a column of it",
         "study: derived.peak: peak: no signal 'contact.forse'",
@@ -129,8 +129,8 @@ bogus: 3
     path.write_text(text.replace("docking-1d-uncompensated", "docking-2d"))
     with pytest.raises(ConfigError) as caught:
         Study.load(path)
-    told = [one.place for one in caught.value.problems]
-    assert any("derived.x" in one for one in told) and not any("derived.peak" in one for one in told)
+    reported = [one.place for one in caught.value.problems]
+    assert any("derived.x" in one for one in reported) and not any("derived.peak" in one for one in reported)
     assert caught.value.unchecked == ("the design's values, and signals and numbers of quantities",)
 
 
@@ -163,7 +163,7 @@ def test_values_of_a_design_are_read_beside_what_is_wrong_with_its_system():
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "reported"),
     [
         ({"design": {"grid": {}}}, "at least 1 item"),
         ({"design": {"grid": {"robot.tau_m": []}}}, "at least 1 item"),
@@ -198,8 +198,8 @@ def test_values_of_a_design_are_read_beside_what_is_wrong_with_its_system():
         ({"design": {"grid": {"robot.tau_m": {"from": "1 ms", "to": "2 ms"}}}}, "count"),
     ],
 )
-def test_bad_studies_are_refused(changes, told):
-    assert told in refused(**changes)
+def test_bad_studies_are_refused(changes, reported):
+    assert reported in refused(**changes)
 
 
 def test_names_that_the_store_would_not_tell_apart_are_refused():
@@ -208,14 +208,14 @@ def test_names_that_the_store_would_not_tell_apart_are_refused():
         "run": {"master": "gauss-seidel", "step_size": "10 ms", "stop_time": "0.1 s"},
         "instances": {"m": body, "M": body},
     }
-    told = refused(
+    reported = refused(
         system=system,
         set={},
         design={"grid": {"m.mass": ["1 kg"]}},
         derived={"peak": "m.mass", "Peak": "M.mass", "Attempts": "m.mass"},
         record="all",
     )
-    assert told.splitlines() == [
+    assert reported.splitlines() == [
         "study: derived.Attempts: 'Attempts' cannot name a quantity",
         "  the store has a column of it",
         "study: derived.Peak: 'Peak' and 'peak' differ in case only",
@@ -232,11 +232,11 @@ def test_names_that_the_store_would_not_tell_apart_are_refused():
 
 
 def test_names_that_no_run_has_a_number_for_are_refused():
-    told = refused(
+    reported = refused(
         design={"grid": {"robot.omegas": ["1 Hz"]}},
         derived={"a": "satellite.masss + robot.nothing", "b": "contact.force * contact.stiffness"},
     )
-    assert told.splitlines()[2:] == [
+    assert reported.splitlines()[2:] == [
         "study: derived.a: a: no number 'satellite.masss'",
         "  parameters of satellite: mass, position, velocity. Did you mean satellite.mass?",
         "study: derived.a: a: no number 'robot.nothing'",

@@ -39,8 +39,8 @@ def test_each_point_equals_a_run_by_itself(tmp_path):
         assert columns["stiff"][point] == made.results.parameters["contact.stiffness"] / 1000
         with Store(tmp_path / "store") as store:
             key = columns["run"][point]
-            told = store.query(f"select name, value from numbers where run = '{key}'").to_pydict()
-            numbers = dict(zip(told["name"], told["value"], strict=True))
+            reported = store.query(f"select name, value from numbers where run = '{key}'").to_pydict()
+            numbers = dict(zip(reported["name"], reported["value"], strict=True))
             force = store.query(f"select time, \"contact.force\" as f from trajectories where run = '{key}'")
         cor = made.summary["contacts"][0]["cor"]
         assert numbers["contacts[0].cor"] == cor
@@ -141,7 +141,7 @@ def unruly(wild, **changes):
     )
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals are told by name on POSIX only")
+@pytest.mark.skipif(os.name != "posix", reason="signals are reported by name on POSIX only")
 def test_a_crash_or_a_hang_is_kept_with_its_reason_and_the_others_go_on(wild, tmp_path):
     swept = unruly(wild).run(tmp_path / "store", jobs=2)
     assert swept.made == 8

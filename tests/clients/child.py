@@ -29,8 +29,8 @@ def attempt(run: Callable[[Job], dict[str, list[float]]], job: Job) -> dict[str,
     except Unable as error:
         return {"unable": str(error)}
     except Exception as error:  # of any tool
-        told = " ".join(str(error).split()) or type(error).__name__
-        return {"failed": told, "trace": traceback.format_exc()}
+        reported = " ".join(str(error).split()) or type(error).__name__
+        return {"failed": reported, "trace": traceback.format_exc()}
 
 
 def isolated(run: Callable[[Job], dict[str, list[float]]], job: Job, file: Path) -> dict[str, Any]:

@@ -46,7 +46,7 @@ def limit_of(client: str, name: str, outcome: Outcome) -> Limit | None:
     if outcome.agrees:
         return None
     for one in LIMITS:
-        told = re.search(one.message, outcome.reason) if one.message else outcome.deviation is not None
-        if one.client == client and told and re.search(one.jobs, name):
+        reported = re.search(one.message, outcome.reason) if one.message else outcome.deviation is not None
+        if one.client == client and reported and re.search(one.jobs, name):
             return one
     return None

@@ -59,8 +59,8 @@ def shipped(source: Path, master: str = "jacobi") -> Iterator[tuple[Job, Results
     """Every shipped FMU in all its forms, alone with what drives it."""
     for name in bundled.fmu_names():
         for form, path in (bundled.fmu_forms(name) or {"": bundled.find_fmu(name)}).items():
-            told = f"{name} ({form})" if form else name
-            yield job_of(told, _driven(path, source), master=master, watched="one", bench=source)
+            reported = f"{name} ({form})" if form else name
+            yield job_of(reported, _driven(path, source), master=master, watched="one", bench=source)
 
 
 def _driven(path: Path, source: Path) -> dict[str, Any]:

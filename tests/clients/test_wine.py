@@ -141,8 +141,8 @@ def windows(tasks, tmp_path_factory):
     # Else it offers to install .NET and a browser, and waits.
     settings["WINEDLLOVERRIDES"] = "mscoree,mshtml="
     # Its server outlives the program and would keep pipes open, and the test waiting: hence files.
-    told, errors = folder / "told.txt", folder / "errors.txt"
-    with told.open("wb") as out, errors.open("wb") as err:
+    reported, errors = folder / "told.txt", folder / "errors.txt"
+    with reported.open("wb") as out, errors.open("wb") as err:
         try:
             command = [COMMAND, str(program), f"Z:{jobs}"]
             subprocess.run(command, env=settings, stdout=out, stderr=err, timeout=SECONDS, check=True)
@@ -150,14 +150,14 @@ def windows(tasks, tmp_path_factory):
             # The one of this prefix alone.
             server = [shutil.which("wineserver") or "/usr/lib/wine/wineserver64", "-k"]
             subprocess.run(server, env=settings, stdout=err, stderr=err, timeout=SECONDS, check=False)
-    return rows_of(told.read_text()), errors.read_text()
+    return rows_of(reported.read_text()), errors.read_text()
 
 
-def rows_of(told: str) -> dict[str, list[list[float]]]:
+def rows_of(reported: str) -> dict[str, list[list[float]]]:
     """Those of the jobs that came to their end."""
     found: dict[str, list[list[float]]] = {}
     rows: list[list[float]] = []
-    for line in told.splitlines():
+    for line in reported.splitlines():
         name, _, what = line.rpartition(" ")
         if what == "begins":
             rows = []

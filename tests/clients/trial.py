@@ -46,9 +46,9 @@ class Outcome:
 def outcomes(client: str, jobs: Sequence[tuple[Job, Results]]) -> list[Outcome]:
     """One for each job; the client runs in a process of its own."""
     with tempfile.TemporaryDirectory() as folder:
-        asked, told = Path(folder, "jobs.json"), Path(folder, "results.json")
+        asked, reported = Path(folder, "jobs.json"), Path(folder, "results.json")
         asked.write_text(json.dumps([job.plain() for job, _ in jobs]), encoding="utf-8")
-        command = [sys.executable, "-m", "tests.clients.child", client, str(asked), str(told)]
+        command = [sys.executable, "-m", "tests.clients.child", client, str(asked), str(reported)]
         path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
         done = subprocess.run(
             command, cwd=ROOT, env={**os.environ, "PYTHONPATH": path},
@@ -56,7 +56,7 @@ def outcomes(client: str, jobs: Sequence[tuple[Job, Results]]) -> list[Outcome]:
         )  # fmt: skip
         if done.returncode:
             raise RuntimeError(f"{client} ends with {done.returncode}: {done.stderr[-2000:]}")
-        answers = json.loads(told.read_text(encoding="utf-8"))
+        answers = json.loads(reported.read_text(encoding="utf-8"))
     return [_outcome(job, answer, results) for (job, results), answer in zip(jobs, answers, strict=True)]
 
 

@@ -72,7 +72,7 @@ ROBOT = "{fmu: RobotResponse"
 STEP = "step_size: 0.1 ms"
 
 
-def told(text: str, overrides=()) -> ConfigError:
+def reported(text: str, overrides=()) -> ConfigError:
     """What is reported about a config as text."""
     with pytest.raises(ConfigError) as caught:
         prepare(parse(text, "config")[0], overrides)
@@ -102,7 +102,7 @@ def wrong(tmp_path):
     return path
 
 
-def test_mistakes_of_every_stage_are_told_once_in_the_order_of_the_file(wrong):
+def test_mistakes_of_every_stage_are_reported_once_in_the_order_of_the_file(wrong):
     with pytest.raises(ConfigError) as caught:
         prepare(wrong, ["robt.tau_m=6 ms", "contact.dampin=1 N.s/m"])
     assert [f"{one.place}: {one.what}" for one in caught.value.problems] == [
@@ -241,7 +241,7 @@ def test_they_are_all_in_what_is_reported_to_machines(wrong, capsys):
     ],
 )
 def test_what_only_follows_is_not_reported(changes, what):
-    found = lines(told(changed(*changes)))
+    found = lines(reported(changed(*changes)))
     assert len(found) == len(what), found
     for one, begin in zip(found, what, strict=True):
         assert begin in one
@@ -249,7 +249,7 @@ def test_what_only_follows_is_not_reported(changes, what):
 
 def test_what_stands_deep_within_an_external_one_is_reported_once():
     rig = "external: {rig: {listen: '127.0.0.1:1', peer: '127.0.0.1:2', receive: {f: {unit: N, strt: 0 N}}, "
-    error = told(f"{RIGHT}{rig}exchange: lockstep}}}}\n")
+    error = reported(f"{RIGHT}{rig}exchange: lockstep}}}}\n")
     assert lines(error) == ["external.rig.receive.f.strt: unknown key 'strt'"]
     assert error.unchecked == ("ports and start values of rig",)
 
@@ -261,22 +261,22 @@ bonds:
 
 
 def test_bonds_are_not_blamed_for_connections_with_problems():
-    assert lines(told(changed(("contact.force ->", "contact.forse ->")) + BONDS)) == [
+    assert lines(reported(changed(("contact.force ->", "contact.forse ->")) + BONDS)) == [
         "connections[3]: contact has no variable 'forse'"
     ]
-    assert lines(told(changed(("connections:", "conections:")) + BONDS)) == [
+    assert lines(reported(changed(("connections:", "conections:")) + BONDS)) == [
         "conections: unknown key 'conections'"
     ]
-    assert lines(told(changed(("279 kg", "279 N")) + BONDS.replace("satellite.force", "contact.velocity")))[
-        1:
-    ] == ["bonds[0]: no connection 'contact.force -> contact.velocity'"]
-    assert lines(told(RIGHT + BONDS.replace("contact.force -> satellite.force", "[]"))) == [
+    assert lines(
+        reported(changed(("279 kg", "279 N")) + BONDS.replace("satellite.force", "contact.velocity"))
+    )[1:] == ["bonds[0]: no connection 'contact.force -> contact.velocity'"]
+    assert lines(reported(RIGHT + BONDS.replace("contact.force -> satellite.force", "[]"))) == [
         "bonds[0].effort: list should have at least 1 item after validation, not 0, got []"
     ]
 
 
-def test_inputs_that_nothing_feeds_are_told_beside_what_else_is_wrong():
-    error = told(changed(UNFED, ("master:", "mister: 3, unconnected: error, master:")))
+def test_inputs_that_nothing_feeds_are_reported_beside_what_else_is_wrong():
+    error = reported(changed(UNFED, ("master:", "mister: 3, unconnected: error, master:")))
     assert lines(error) == [
         "run.mister: unknown key 'mister'",
         "instances.robot: input robot.command [m] is not connected and has no start value",
@@ -286,7 +286,7 @@ def test_inputs_that_nothing_feeds_are_told_beside_what_else_is_wrong():
 
 def test_a_measure_is_judged_beside_one_that_is_wrong():
     measures = "measures: {docking: {satellite: moon, robot: robot, contact: contact}, dockin: {}}\n"
-    assert lines(told(RIGHT + measures)) == [
+    assert lines(reported(RIGHT + measures)) == [
         "measures.dockin: no measure 'dockin'",
         "measures.docking: no instance 'moon' to record moon.velocity of",
         "measures.docking: no instance 'moon' to record moon.position of",
@@ -304,17 +304,17 @@ connections:
 """
 
 
-def test_loops_are_told_beside_other_problems_but_not_where_they_may_be_broken():
+def test_loops_are_reported_beside_other_problems_but_not_where_they_may_be_broken():
     loop = "connections: algebraic loop"
     short = LOOP.replace(", {delay: 5 ms}", "")
-    assert lines(told(short))[0] == loop
-    assert loop in lines(told(short.replace("run: {", "run: {foo: 1, ")))
+    assert lines(reported(short))[0] == loop
+    assert loop in lines(reported(short.replace("run: {", "run: {foo: 1, ")))
     prepare(parse(LOOP, "config")[0])
-    error = told(LOOP.replace("step_size: 1 ms", "step_size: 1"))
+    error = reported(LOOP.replace("step_size: 1 ms", "step_size: 1"))
     assert lines(error) == ["run.step_size: 1 has no unit; write it as in '1 s' or '1 ms'"]
     assert "algebraic loops by way of effects or instances that are not known" in error.unchecked
     for broken in ("{forc: []}", "{force: 3}", "3"):
-        error = told(short.replace("a: {", f"a: {{feedthrough: {broken}, "))
+        error = reported(short.replace("a: {", f"a: {{feedthrough: {broken}, "))
         assert len(error.problems) == 1 and loop not in lines(error), broken
 
 
@@ -391,11 +391,11 @@ def test_sections_that_may_be_meant_otherwise_are_not_read():
         (RIGHT.replace("run:", "runs: {stp: 1}\nrun:"), ["runs: unknown key 'runs'"]),
         (RIGHT + "measurs: [1]\n", ["measurs: unknown key 'measurs'"]),
     ):
-        assert lines(told(text)) == found
+        assert lines(reported(text)) == found
 
 
 def test_an_override_that_cannot_be_made_hides_nothing_else():
-    error = told(changed(("4 s", "4 m")), ["run.stepsize=1 ms", "robot.tau_m={", "robot.xi=1"])
+    error = reported(changed(("4 s", "4 m")), ["run.stepsize=1 ms", "robot.tau_m={", "robot.xi=1"])
     assert lines(error) == [
         "--set run.stepsize=1 ms: no 'run.stepsize' to set",
         "--set robot.tau_m={:2: not YAML: did not find expected node content",
@@ -448,9 +448,9 @@ def test_whatever_stands_where_is_reported_once_beside_all_of_the_form(seed):
     try:
         prepare(deepcopy(data), overrides)
     except ConfigError as error:
-        told = list(map(str, error.problems))
-        assert told and len(set(told)) == len(told)
+        reported = list(map(str, error.problems))
+        assert reported and len(set(reported)) == len(reported)
         try:
             load_config(data, overrides)
         except ConfigError as form:
-            assert set(map(str, form.problems)) <= set(told)
+            assert set(map(str, form.problems)) <= set(reported)

@@ -88,7 +88,7 @@ def test_places_are_lines_of_the_file():
     assert Places("x").text(("run",)) == "x: run"
 
 
-def test_all_problems_are_told_at_once():
+def test_all_problems_are_reported_at_once():
     wrong = data(
         run__step_size=0.1,
         run__stop_time="4",

@@ -148,14 +148,14 @@ def nominal():
 def co_simulated(names, steps, folder):
     """The same signals of the config with some effects, at so many communication steps per tick."""
     effects, sizes = tuple(catalogue()[name] for name in names), [SIZES[name] for name in names]
-    told = {
+    reported = {
         f"{effect.id}.{one.name}": value
         for effect, own in zip(effects, sizes, strict=True)
         for one, value in zip(effect.parameters, own, strict=True)
     }
     drawn = any(effect.statistic for effect in effects)
     model = None if drawn else Augmented({}, effects, np.concatenate(sizes))
-    found = Finding((Candidate(names, 1.0, told, (), 50.0, model),), names, (), "", names, NONE)
+    found = Finding((Candidate(names, 1.0, reported, (), 50.0, model),), names, (), "", names, NONE)
     made = augmented_config(own_study(runs=((279.07, 0.02),), ticks=TICKS), found, steps)
     assert made.left_out == {} and made.run == "train-1" and made.changed
     path = folder / f"augmented-{steps}.yaml"

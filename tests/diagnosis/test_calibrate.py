@@ -51,7 +51,7 @@ def test_what_effects_leave_unexplained_is_learned():
     leaves = learn_leaves([*bare, *rough, *clean])
     assert leaves["a.rough"] == pytest.approx(0.05, rel=0.1) and leaves["b.clean"] < 2e-4
     learned = replace(calibration(), leaves=leaves)
-    told = [
+    reported = [
         learned.probabilities(one.answers, 0.0)[-1]
         for one in (
             case("a.rough", 2000.0, 90.0),
@@ -59,7 +59,7 @@ def test_what_effects_leave_unexplained_is_learned():
             case("b.clean", 2000.0, 2.0),
         )
     ]
-    assert told[1] > 0.5 > 2.0 * told[0] and told[1] > 0.5 > 2.0 * told[2]
+    assert reported[1] > 0.5 > 2.0 * reported[0] and reported[1] > 0.5 > 2.0 * reported[2]
 
 
 def test_cases_kept_are_learned_from_again(tmp_path):
@@ -78,8 +78,8 @@ def test_cases_kept_are_learned_from_again(tmp_path):
     for case in every:
         p = learned.probabilities(case.answers, case.beside)
         right = [case.truth != ("outside",) and case.right(one) for one in case.answers]
-        told = np.log(p[[*right, case.truth == ("outside",)]].sum())
-        total -= SHARES[case.kind] / whole / drawn[case.kind] * told
+        reported = np.log(p[[*right, case.truth == ("outside",)]].sum())
+        total -= SHARES[case.kind] / whole / drawn[case.kind] * reported
     assert data["provenance"]["loss"] == pytest.approx(total, abs=1e-4)
 
 

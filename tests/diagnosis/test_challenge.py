@@ -180,7 +180,7 @@ def test_scoring_waits_for_all_verdicts(challenge, tmp_path):
     assert not (challenge / LEDGER).exists()
 
 
-def test_bad_verdicts_are_told_together_and_the_truth_stays_sealed(challenge, tmp_path):
+def test_bad_verdicts_are_reported_together_and_the_truth_stays_sealed(challenge, tmp_path):
     out = tmp_path / "out"
     write_truth(out, challenge)
     write(out, "case-0001", [], probability=0.6)
@@ -388,18 +388,18 @@ def test_from_the_command_line(made, challenge, tmp_path, capsys):
     arguments = [str(challenge), "--verdicts", str(out)]
     own = f"{__name__}:"
     assert main(["challenge", "run", *arguments, "--jobs", "1", "--by", own + "fail"]) == 1
-    told = capsys.readouterr()
-    assert "2 cases diagnosed" in told.out
-    assert "case-0002: ValueError: no contact in train-1" in told.err
-    assert "wrote no verdict, kept as refused.json" in told.err and "'places' is missing" in told.err
+    reported = capsys.readouterr()
+    assert "2 cases diagnosed" in reported.out
+    assert "case-0002: ValueError: no contact in train-1" in reported.err
+    assert "wrote no verdict, kept as refused.json" in reported.err and "'places' is missing" in reported.err
     assert (out / "case-0003" / "refused.json").is_file()
     assert main(["challenge", "score", *arguments]) == 2
     assert "2 of 4 verdicts are missing: case-0002, case-0003" in capsys.readouterr().err
     assert main(["challenge", "run", *arguments, "--jobs", "1", "--by", own + "say_none"]) == 0
     assert "2 cases diagnosed" in capsys.readouterr().out
     assert main(["challenge", "score", *arguments]) == 0
-    told = capsys.readouterr().out
-    assert "false alarms (nothing hidden)       0.000 (0/1)" in told and "NOT blind" not in told
+    reported = capsys.readouterr().out
+    assert "false alarms (nothing hidden)       0.000 (0/1)" in reported and "NOT blind" not in reported
     found = json.loads((out / "score.json").read_text())
     assert found["blind"] and found["false_alarms"]["count"] == 0
     assert main(["challenge", "make", str(made), "--cases", "1", "--seed", "1"]) == 2
@@ -437,7 +437,7 @@ def test_verdicts_of_other_cases_are_refused(made, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "reported"),
     [
         (["--cases", "0", "--seed", "1"], "--cases: got 0\n  at least 1"),
         (["--cases", "1", "--seed", "x"], "--seed: got 'x'\n  a whole number, or `secret`"),
@@ -457,9 +457,9 @@ def test_verdicts_of_other_cases_are_refused(made, tmp_path, capsys):
         ),
     ],
 )
-def test_wrong_orders_are_refused(tmp_path, capsys, options, told):
+def test_wrong_orders_are_refused(tmp_path, capsys, options, reported):
     assert main(["challenge", "make", str(tmp_path / "new"), *options]) == 2
-    assert told in capsys.readouterr().err
+    assert reported in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
 
 

@@ -49,9 +49,9 @@ def test_a_servo_kicks_once_it_has_turned():
     assert len(turns) == 2 and np.abs(off[: turns[0]]).max() < 1e-9
     for turn in turns:
         way = np.sign(speed[turn + 30])
-        told = way * off[turn : turn + 60]
-        assert told.max() == pytest.approx(5.0 / 470.0**2, rel=0.25)
-        assert int(np.argmax(told)) < 20 and told[-1] < 0.25 * told.max()
+        reported = way * off[turn : turn + 60]
+        assert reported.max() == pytest.approx(5.0 / 470.0**2, rel=0.25)
+        assert int(np.argmax(reported)) < 20 and reported[-1] < 0.25 * reported.max()
     assert np.abs(lags(0.02, **kick) - lags(0.02)).max() == 0.0
 
 
@@ -200,16 +200,16 @@ def test_a_buffer_slips_by_a_frame_now_and_then_within_bounds():
 def test_who_receives_goes_straight_on_until_that_strays():
     found = driven(sparse=3e-5)[0][ENCODER]
     plain, desired = driven()[0][ENCODER], smooth()[1][0]
-    last, straight, before, taken, told = desired[0], desired[1] - desired[0], desired[0], [], 0
+    last, straight, before, taken, reported = desired[0], desired[1] - desired[0], desired[0], [], 0
     for one in desired[1:]:
         if abs(one - last - straight) > 3e-5:
-            last, straight, told = one, one - before, told + 1
+            last, straight, reported = one, one - before, reported + 1
         else:
             last += straight
         before = one
         taken.append(last)
     off = np.array(taken) - desired[1:]
-    assert np.abs(off).max() < 3.1e-5 and 20 < told < 0.2 * len(off)
+    assert np.abs(off).max() < 3.1e-5 and 20 < reported < 0.2 * len(off)
     seen = (found - plain)[1:]
     late = max(range(12), key=lambda ticks: float(seen[ticks:] @ off[: len(off) - ticks]))
     assert np.corrcoef(seen[late:], off[: len(off) - late])[0, 1] > 0.9 and 2 < late < 8

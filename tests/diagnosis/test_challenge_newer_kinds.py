@@ -126,12 +126,12 @@ def test_a_sensor_that_is_pulled_off_reads_less_on_that_side_alone():
 def test_a_switch_is_heard_at_the_begin_and_at_the_end_of_a_contact():
     plain, bias = driven()[0][FORCE], smooth()[0].values["bias"]
     off = driven(pulse=3.0, pulse_time=0.01)[0][FORCE] - plain
-    told, level, expected, times = False, 0.0, [], 0
+    reported, level, expected, times = False, 0.0, [], 0
     for force in np.abs(plain - bias):
         level *= np.exp(-TICK / 0.01)
-        if (force > 6.0) if not told else (force < 2.0):
-            told, times = not told, times + 1
-            level += 3.0 if told else -3.0
+        if (force > 6.0) if not reported else (force < 2.0):
+            reported, times = not reported, times + 1
+            level += 3.0 if reported else -3.0
         expected.append(level)
     assert off == pytest.approx(np.array(expected), abs=1e-9)
     assert times >= 4 and off.max() == pytest.approx(3.0, abs=0.01) == -off.min()
@@ -160,10 +160,10 @@ def test_a_spring_ejects_some_time_after_the_touch():
     for contact in (slice(0, 250), slice(250, 500)):
         touching = np.flatnonzero(plain[contact] < -10.0)
         since = TICK * (touching - np.flatnonzero(plain[contact] < 0.0)[0])
-        told = (plain - more)[contact][touching]
-        assert told == pytest.approx(5.0 * (1.0 - np.exp(-np.maximum(since - 0.05, 0.0) / 3e-3)), abs=1.7)
-        assert np.abs(told[since < 0.048]).max() < 1e-9
-        assert told[(since > 0.06)] == pytest.approx(np.full((since > 0.06).sum(), 5.0), abs=0.2)
+        reported = (plain - more)[contact][touching]
+        assert reported == pytest.approx(5.0 * (1.0 - np.exp(-np.maximum(since - 0.05, 0.0) / 3e-3)), abs=1.7)
+        assert np.abs(reported[since < 0.048]).max() < 1e-9
+        assert reported[(since > 0.06)] == pytest.approx(np.full((since > 0.06).sum(), 5.0), abs=0.2)
 
 
 def test_rubber_gets_softer_by_the_work_done_on_it_and_recovers():
@@ -201,11 +201,11 @@ def test_a_computer_that_stands_by_sends_what_is_behind_now_and_then():
     plain, found = driven()[0][ENCODER], driven(standby=5e-3, standby_every=200.0)[0][ENCODER]
     off, (_, log) = found - plain, smooth()
     for tick in range(200, 2800, 200):
-        told = off[tick : tick + 40]
+        reported = off[tick : tick + 40]
         expected = -5e-3 * log[1, tick + 1]  # of one command
         # What a command does in all is what it is off by, for a tick.
-        assert TICK * told.sum() == pytest.approx(TICK * expected, abs=0.03 * TICK * 1e-4)
-        assert np.abs(told[:3]).max() < 1e-8 and np.abs(told[-5:]).max() < 2e-7
+        assert TICK * reported.sum() == pytest.approx(TICK * expected, abs=0.03 * TICK * 1e-4)
+        assert np.abs(reported[:3]).max() < 1e-8 and np.abs(reported[-5:]).max() < 2e-7
 
 
 def test_a_keeper_of_stations_pushes_back_what_leaves_its_box():

@@ -171,22 +171,22 @@ def test_what_roughness_explains_is_no_evidence(monkeypatch):
 def test_little_coloured_noise_is_that_of_any_rig(monkeypatch):
     case = draw_case(Plan("single", (HIDDEN["sensor.coloured-noise"],), 0.06), 3, 4)
     logs = [make_run(case, index) for index in range(3)]
-    told = visibility(case, logs, chance=True)
+    reported = visibility(case, logs, chance=True)
     monkeypatch.setattr(evidence, "_COLOURS", ())
-    assert visibility(case, logs, chance=True) > 1.5 * told
+    assert visibility(case, logs, chance=True) > 1.5 * reported
 
 
-def test_what_another_effect_imitates_cannot_be_told_from_it():
+def test_what_another_effect_imitates_cannot_be_distinguished_from_it():
     rivals = [HIDDEN[name] for name in ("contact.asymmetry", "contact.cubic", "sensor.drift")]
     found = {}
     for name, magnitude in (("structure.bend", 0.2), ("robot.cogging", 0.2)):
         case = draw_case(Plan("outside", (OUTSIDE[name],), magnitude), 3, 4)
         logs = [make_run(case, index) for index in range(3)]
         found[name] = (visibility(case, logs), *imitated(case, logs, rivals))
-    told, nearest = found["structure.bend"]
-    assert told > 100.0 and nearest.beyond < 0.1 * told and nearest.like == ("contact.asymmetry",)
-    told, nearest = found["robot.cogging"]
-    assert told > 100.0 and 0.8 * told < nearest.beyond <= told
+    reported, nearest = found["structure.bend"]
+    assert reported > 100.0 and nearest.beyond < 0.1 * reported and nearest.like == ("contact.asymmetry",)
+    reported, nearest = found["robot.cogging"]
+    assert reported > 100.0 and 0.8 * reported < nearest.beyond <= reported
 
 
 def test_two_effects_imitate_what_one_does_not():
@@ -201,14 +201,14 @@ def test_two_effects_imitate_what_one_does_not():
 def test_coloured_noise_of_the_force_hides_what_is_slow():
     case = draw_case(Plan("single", (HIDDEN["sensor.drift"],), 0.3), 3, 4)
     logs = [make_run(case, index) for index in range(3)]
-    told = {}
+    reported = {}
     for colour in (0.0, 0.1):  # over white noise of 0.5 N
         same = replace(case, values={**case.values, "colour": colour}, plain={**case.plain, "colour": colour})
-        told[colour] = visibility(same, logs)
+        reported[colour] = visibility(same, logs)
     # Of what hardly changes, as much as the power of noise near zero: 1 + 0.2^2 (1 + k)/(1 - k).
     keep = case.plain["colour_keep"]
     power = 1.0 + 0.25 / (0.25 + 0.1**2 / 12.0) * 0.2**2 * (1.0 + keep) / (1.0 - keep)
-    assert told[0.0] / told[0.1] == pytest.approx(power, rel=0.1)
+    assert reported[0.0] / reported[0.1] == pytest.approx(power, rel=0.1)
 
 
 def test_what_is_hidden_beside_noise_tells_no_more_than_the_noise_lets_it():
@@ -221,12 +221,12 @@ def test_what_is_hidden_beside_noise_tells_no_more_than_the_noise_lets_it():
     # Nobody knows the noise that carries a reading across a step: a bias is as good as a calibration's error.
     strayed = case.hidden["sensor.bias"]["bias"] / tolerances(case.lab)["force_bias"]
     assert visibility(case, logs, rest) == pytest.approx(0.5 * strayed**2, rel=0.1)
-    told = []
+    reported = []
     for beside in ((), (coloured,)):
         plan = Plan("single", (drift, *beside), 0.3)
         case, rest = draw_case(plan, 3, 4), draw_case(replace(plan, effects=beside), 3, 4)
-        told.append(visibility(case, [make_run(case, index) for index in range(3)], rest))
-    assert told[0] > 5.0 * told[1] > 0.0
+        reported.append(visibility(case, [make_run(case, index) for index in range(3)], rest))
+    assert reported[0] > 5.0 * reported[1] > 0.0
 
 
 def test_what_an_effect_shows_counts_from_what_the_lab_believes():
@@ -235,15 +235,15 @@ def test_what_an_effect_shows_counts_from_what_the_lab_believes():
     width = tolerances(bare.lab)["force_bias"]
     strays = (bare.plain["bias"] - bare.lab.nominal["force_bias"]) / width
 
-    def told(by):
+    def reported(by):
         effect = Hidden("sensor.bias", lambda rng, size: {"bias": by * width})
         case = draw_case(Plan("single", (effect,), 1.0), 5, 5)
         return visibility(case, [make_run(case, index) for index in range(3)])
 
-    assert abs(strays) > 0.3 and told(-strays) == 0.0
+    assert abs(strays) > 0.3 and reported(-strays) == 0.0
     for by in (6.0, -6.0):
         # Half the square of what the lab would have to be off by, less that of what it is off by.
-        assert told(by) == pytest.approx(0.5 * (strays + by) ** 2 - 0.5 * strays**2, rel=0.1)
+        assert reported(by) == pytest.approx(0.5 * (strays + by) ** 2 - 0.5 * strays**2, rel=0.1)
 
 
 def test_what_shows_in_the_first_ticks_alone_is_no_evidence(monkeypatch):
@@ -264,9 +264,9 @@ def test_a_dent_of_the_derivatives_hides_no_imitation(monkeypatch):
     plan = Plan("pair", (filtered, inertia), 0.3)
     case, rest = draw_case(plan, 7, 8), draw_case(replace(plan, effects=(inertia,)), 7, 8)
     logs = [make_run(case, index) for index in range(3)]
-    told = visibility(case, logs, rest)
+    reported = visibility(case, logs, rest)
     monkeypatch.setattr(evidence, "_OPEN", (math.inf, math.inf))
-    assert 0.0 < told < 0.7 * visibility(case, logs, rest)
+    assert 0.0 < reported < 0.7 * visibility(case, logs, rest)
 
 
 def test_of_a_pair_the_other_effect_may_have_any_size():

@@ -28,7 +28,7 @@ def good():
     return logged_study()
 
 
-def told(study):
+def reported(study):
     refused, warned = check_logs(study)
     return [str(one) for one in refused], [str(one) for one in warned]
 
@@ -40,7 +40,7 @@ def rows(study, keep, run=0):
 
 
 def test_a_good_log_passes(good):
-    assert told(good) == ([], [])
+    assert reported(good) == ([], [])
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_a_good_log_passes(good):
     ],
 )
 def test_an_effect_is_no_bad_data(effect, theta):
-    assert told(logged_study((catalogue()[effect],), theta)) == ([], [])
+    assert reported(logged_study((catalogue()[effect],), theta)) == ([], [])
 
 
 def _sizes(effect):
@@ -76,14 +76,14 @@ def _sizes(effect):
 def test_no_effect_of_the_catalogue_at_twice_its_usual_size_is_bad_data(effect):
     sizes = _sizes(effect)
     for theta in sizes[:: all_or(max(len(sizes) // 24, 1), 1)]:
-        refused, _ = told(logged_study((effect,), theta))
+        refused, _ = reported(logged_study((effect,), theta))
         assert refused == [], theta
 
 
 @pytest.mark.parametrize(("share", "hertz"), [(0.185, 3.83), (0.3, 3.83), (0.37, 3.5)])
 def test_a_body_that_swings_on_the_satellite_is_no_bad_data(share, hertz):
     found = logged_study((catalogue()["dynamics.appendage"],), (share, 2.0 * np.pi * hertz))
-    assert told(found) == ([], [])
+    assert reported(found) == ([], [])
 
 
 @pytest.mark.parametrize(("sign", "fits"), [(1.0, True), (-1.0, False)])
@@ -116,10 +116,10 @@ def test_a_controller_that_passes_the_force_on_in_its_own_way_is_no_bad_data(goo
         "sign": -force,
         "thousandth": 1e-3 * force,
     }[given]
-    told = _force_out_of_contact(
+    reported = _force_out_of_contact(
         good, replace(run, columns=dict(run.columns, sensor_force=force, compensated_force=out))
     )
-    assert told is not None and told.gross == (given not in ("filter", "offset", "dither"))
+    assert reported is not None and reported.gross == (given not in ("filter", "offset", "dither"))
 
 
 def test_a_satellite_that_counts_its_time_coarsely_is_a_gap_of_its_software(good):
@@ -131,7 +131,7 @@ def test_a_satellite_that_counts_its_time_coarsely_is_a_gap_of_its_software(good
         position = run["desired_position"][0] + np.concatenate([[0.0], np.cumsum(way)])
         runs.append(replace(run, columns={**run.columns, "desired_position": np.round(position, 9)}))
     coarse = replace(good, runs=tuple(runs))
-    assert told(coarse) == ([], [])
+    assert reported(coarse) == ([], [])
     group, right = weigh_software(coarse, "dynamics"), weigh_software(good, "dynamics")
     assert group.outside > 1e3 and group.place == "dynamics" and right.outside == 0.0
 
@@ -153,7 +153,7 @@ def test_a_satellite_that_counts_its_time_coarsely_is_a_gap_of_its_software(good
     ],
 )
 def test_a_wrong_sign_or_unit_is_named(good, column, factor, said):
-    refused, _ = told(with_column(good, column, lambda values: factor * values))
+    refused, _ = reported(with_column(good, column, lambda values: factor * values))
     assert len(refused) == 1
     assert refused[0].startswith(f"train-1: column {column}: from row ")
     assert said in refused[0]
@@ -172,7 +172,7 @@ def test_a_wrong_sign_or_unit_is_named(good, column, factor, said):
 def test_exchanged_columns_are_named(good, one, other):
     run = good.runs[0]
     columns = {**run.columns, one: run[other], other: run[one]}
-    refused, _ = told(replace(good, runs=(replace(run, columns=columns), *good.runs[1:])))
+    refused, _ = reported(replace(good, runs=(replace(run, columns=columns), *good.runs[1:])))
     assert len(refused) == 1
     place = refused[0].split(":")[1]
     assert one in place and other in place
@@ -192,7 +192,7 @@ def test_the_clock_of_a_column_is_named(good, column, shift):
             moved[shift:] = values[-1]
         return moved
 
-    refused, _ = told(with_column(good, column, late))
+    refused, _ = reported(with_column(good, column, late))
     assert len(refused) == 1
     assert column in refused[0]
     assert f"{abs(shift)} ticks {'late' if shift > 0 else 'early'}" in refused[0]
@@ -201,39 +201,39 @@ def test_the_clock_of_a_column_is_named(good, column, shift):
 def test_gaps_repeats_and_order_of_time_are_named(good):
     keep = np.ones(2000, bool)
     keep[700:710] = False
-    (gap,), _ = told(rows(good, keep))
+    (gap,), _ = reported(rows(good, keep))
     assert gap == (
         "train-1: column time: row 700 (0.71): 10 rows are missing in 1 places, the first 0.011 s long\n"
         "  Log every tick: replays need each input."
     )
-    (twice,), _ = told(rows(good, np.sort(np.append(np.arange(2000), [900, 1200]))))
+    (twice,), _ = reported(rows(good, np.sort(np.append(np.arange(2000), [900, 1200]))))
     assert twice == ("train-1: column time: row 901 (0.9): 2 stamps stand twice\n  Remove the second row.")
     order = np.arange(2000)
     order[[500, 501]] = 501, 500
-    (back,), _ = told(rows(good, order))
+    (back,), _ = reported(rows(good, order))
     assert "row 501 (0.5): time runs backwards" in back
 
 
 def test_the_unit_of_time_is_named(good):
-    (unit,), _ = told(with_column(good, "time", lambda time: 1e3 * time))
+    (unit,), _ = reported(with_column(good, "time", lambda time: 1e3 * time))
     assert "rows are 1 s apart, the tick is 0.001 s (1000 times)" in unit
 
 
 def test_a_clock_that_gains_little_by_little_is_named(good):
     """Each step is right to 5 %, or lies within what stamps are rounded to."""
     slow = with_column(good, "time", lambda time: 1.04 * time)
-    (told_,), warned = told(slow)
-    assert warned == [] and told_ == (
+    (reported_,), warned = reported(slow)
+    assert warned == [] and reported_ == (
         "train-1: column time: by their stamps 2000 rows take 2.07896 s, 4 % more than as many steps of "
         "0.001 s\n  Correct `tick`, or the clock that the stamps are of."
     )
     # Two quartzes differ by as much; stamps are rounded.
-    assert told(with_column(good, "time", lambda time: (1.0 + 5e-5) * time)) == ([], [])
-    assert told(with_column(good, "time", lambda time: np.round(time + 2e-4, 3))) == ([], [])
+    assert reported(with_column(good, "time", lambda time: (1.0 + 5e-5) * time)) == ([], [])
+    assert reported(with_column(good, "time", lambda time: np.round(time + 2e-4, 3))) == ([], [])
 
 
 def test_a_dead_channel_is_named(good):
-    (dead,), _ = told(with_column(good, "encoder_position", np.zeros_like))
+    (dead,), _ = reported(with_column(good, "encoder_position", np.zeros_like))
     assert dead == (
         "train-1: column encoder_position: rows 0 to 1999 are all 0\n"
         "  The channel is dead or not connected; log it, or leave the run out."
@@ -248,7 +248,7 @@ def test_a_clipped_channel_is_a_warning(good):
         return np.clip(values, -np.inf, top)
 
     study = with_column(good, "sensor_force", clip)
-    refused, warned = told(study)
+    refused, warned = reported(study)
     assert refused == []
     assert any(one.startswith("train-1: column sensor_force: row ") and "clipped" in one for one in warned)
 
@@ -258,13 +258,13 @@ def test_a_frozen_channel_is_a_warning(good):
         values[500:600] = values[500]
         return values
 
-    refused, warned = told(with_column(good, "encoder_position", freeze))
+    refused, warned = reported(with_column(good, "encoder_position", freeze))
     assert refused == []
     assert any("column encoder_position: row 500" in one and "frozen for 100 rows" in one for one in warned)
 
 
 def test_runs_left_early_are_warned_of(good):
-    refused, warned = told(rows(good, slice(0, 900)))
+    refused, warned = reported(rows(good, slice(0, 900)))
     assert refused == []
     assert any(one.startswith("train-1: ends at row 899") for one in warned)
 
@@ -273,14 +273,14 @@ def test_too_few_contacts(good):
     short = good
     for run in range(len(good.runs)):
         short = rows(short, slice(0, 180), run)
-    refused, _ = told(short)
+    refused, _ = reported(short)
     assert len(refused) == 1
     assert refused[0].startswith("runs of the role train: 0 contacts in all (train-1 0, train-2 0)")
 
 
 def test_a_repeat_of_no_heldout_run_is_warned_of(good):
     runs = tuple(replace(run, role=Role.TRAIN) if run.role is Role.HELDOUT else run for run in good.runs)
-    _, warned = told(replace(good, runs=runs))
+    _, warned = reported(replace(good, runs=runs))
     assert any("repeats no held-out run: mass 340 kg" in one for one in warned)
 
 
@@ -299,5 +299,5 @@ def test_the_labelled_cases_have_good_data():
 @pytest.mark.parametrize(("runs", "said"), [(2, "the same in 1 more run"), (3, "the same in 2 more runs")])
 def test_what_is_the_same_in_several_runs_is_reported_once(runs, said):
     of_each = [Problem(f"run-{number}: force", "is mirrored", "", "Turn it.") for number in range(runs)]
-    (told,) = merged_problems(of_each, "the same in {} more run{s}")
-    assert told.what == f"is mirrored; {said}"
+    (reported,) = merged_problems(of_each, "the same in {} more run{s}")
+    assert reported.what == f"is mirrored; {said}"

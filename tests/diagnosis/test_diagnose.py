@@ -129,8 +129,8 @@ def test_logs_have_checksums_wherever_they_stand(study, tmp_path):
 
 
 def test_every_effect_is_reported_in_words():
-    told = {in_words(one) for one in catalogue().values()}
-    assert len(told) == len(catalogue()) and not told & {one.equation for one in catalogue().values()}
+    reported = {in_words(one) for one in catalogue().values()}
+    assert len(reported) == len(catalogue()) and not reported & {one.equation for one in catalogue().values()}
     assert (
         in_words(replace(HERTZ, words="", equation="F = k x^p, another's law.")) == "F = k x^p, another's law"
     )
@@ -158,15 +158,15 @@ def test_the_page_stands_alone_and_tells_all(study, tmp_path):
 
 
 def test_what_an_experiment_leaves_tied_is_reported(study, tmp_path):
-    told = {
+    reported = {
         "name": "dead weights", "description": "Hang weights.", "expected_evidence": 40.0,
         "between": ["sensor.gain", "contact.stiffness", "structure.compliance"],
         "leaves": [["contact.stiffness", "structure.compliance"]], "then": "tip tracker",
     }  # fmt: skip
-    made = diagnose(study, tmp_path, parts=parts(next_experiment=lambda study, found: told)[0])
+    made = diagnose(study, tmp_path, parts=parts(next_experiment=lambda study, found: reported)[0])
     words = "It does not separate contact.stiffness from structure.compliance: tip tracker does."
     assert words in (tmp_path / "report.html").read_text() and words in in_lines(made)
-    made = diagnose(study, parts=parts(next_experiment=lambda study, found: told | {"then": ""})[0])
+    made = diagnose(study, parts=parts(next_experiment=lambda study, found: reported | {"then": ""})[0])
     assert "from structure.compliance." in in_lines(made)
 
 
@@ -179,46 +179,48 @@ def test_the_same_study_gives_the_same_page(study, tmp_path):
     assert pages[0] == pages[1]
 
 
-def test_evidence_that_only_tells_of_digits_is_not_told_as_a_number():
+def test_evidence_that_only_tells_of_digits_is_not_reported_as_a_number():
     assert nats(31.04) == "31 nats" and nats(1000.0) == "1000 nats" and nats(5e12) == "over 1000 nats"
 
 
 def test_headlines():
-    def told(found, **other):
+    def reported(found, **other):
         return headline(diagnose(LOGGED, parts=parts(found, **other)[0]).diagnosis)
 
-    assert told(finding((), ())) == (
+    assert reported(finding((), ())) == (
         "No unmodelled effect is needed: the calibrated model explains the logs (probability 90 %)."
     )
     strayed = {
         "before": 1.19, "after": 1.19, "noise_floor": 0.22, "closure": 0.0, "interval": [-0.01, 0.01],
         "recalibration_only": 0.0,
     }  # fmt: skip
-    assert told(finding((), ()), how_far=lambda study, found: strayed).startswith(
+    assert reported(finding((), ()), how_far=lambda study, found: strayed).startswith(
         "The runs that were fitted show no effect (probability 90 %), but on runs that no fit saw the error "
         "is 5.4 times the noise:"
     )
     hinted = finding(("sensor.dropout",), (), 0.52)
     hint, other = hinted.candidates
-    assert told(replace(hinted, effects=(), candidates=(hint, replace(other, effects=())))) == (
+    assert reported(replace(hinted, effects=(), candidates=(hint, replace(other, effects=())))) == (
         "No effect is named: the logs hint at sensor.dropout (52 %), but by less than a nat over none (48 %)."
     )
     hidden = finding(("sensor.drift",), (), 0.7)
     drift, other = hidden.candidates
-    assert told(replace(hidden, candidates=(drift, replace(other, effects=("outside",)))), how_far=None) == (
+    assert reported(
+        replace(hidden, candidates=(drift, replace(other, effects=("outside",)))), how_far=None
+    ) == (
         "sensor.drift causes the gap (probability 70 %). "
         "It may be something outside the catalogue instead (30 %)."
     )
-    assert told(finding((), (), doubtful_tolerances=True)).startswith(
+    assert reported(finding((), (), doubtful_tolerances=True)).startswith(
         "The calibration is farther off than its tolerances allow, and no effect explains it"
     )
-    assert told(finding(("outside",), (), outside_place="sensor")).startswith(
+    assert reported(finding(("outside",), (), outside_place="sensor")).startswith(
         "An effect outside the catalogue acts (probability 90 %), most likely at the sensor."
     )
-    assert told(finding(("sensor.delay",), ("sensor.gain",), 0.6), how_far=None) == (
+    assert reported(finding(("sensor.delay",), ("sensor.gain",), 0.6), how_far=None) == (
         "One of sensor.delay or sensor.gain causes the gap (together 100 %; these logs cannot separate them)."
     )
-    assert told(finding(("robot.delay", "sensor.gain"), ()), how_far=None) == (
+    assert reported(finding(("robot.delay", "sensor.gain"), ()), how_far=None) == (
         "robot.delay and sensor.gain cause the gap (probability 90 %)."
     )
 

@@ -57,8 +57,12 @@ def distance(result, rig, step):
 
 def lab(step, *overrides):
     """Run docking-lab; the sensor's delay makes up for half a step of hold."""
-    told = [f"run.step_size={step!r} s", f"run.stop_time={TICKS} ms", f"sensor.tau_s={1e-3 + step / 2!r} s"]
-    return run("docking-lab", overrides=[*told, *overrides], halving=False)
+    reported = [
+        f"run.step_size={step!r} s",
+        f"run.stop_time={TICKS} ms",
+        f"sensor.tau_s={1e-3 + step / 2!r} s",
+    ]
+    return run("docking-lab", overrides=[*reported, *overrides], halving=False)
 
 
 def test_the_co_simulation_converges_to_the_rig(nominal):

@@ -46,13 +46,17 @@ FEW = [TIES[0], TIES[3], TIES[6], TIES[8]]
 @pytest.mark.parametrize(("ids", "theta", "ties"), all_or(FEW, TIES), ids=str)
 def test_the_proposed_experiment_breaks_the_tie(ids, theta, ties):
     study = lab(ids, theta)
-    told = next_experiment(study, found(ids, theta, ties))
-    assert told["between"] == [*ids, *ties]
-    assert told["expected_evidence"] == min(told["evidence"].values()) == told["menu"][told["name"]]
-    assert told["expected_evidence"] > 10.0 and told["then"] == ""
-    assert told["expected_evidence"] >= 0.95 * max(told["menu"].values())
+    reported = next_experiment(study, found(ids, theta, ties))
+    assert reported["between"] == [*ids, *ties]
+    assert (
+        reported["expected_evidence"]
+        == min(reported["evidence"].values())
+        == reported["menu"][reported["name"]]
+    )
+    assert reported["expected_evidence"] > 10.0 and reported["then"] == ""
+    assert reported["expected_evidence"] >= 0.95 * max(reported["menu"].values())
     # Made with noise, and every candidate fitted to old and new logs alike: the cause wins.
-    experiment = _named(told["name"])
+    experiment = _named(reported["name"])
     trial = Trial(study, experiment, model(ids, theta), [catalogue()[one] for one in (*ids, *ties)])
     costs = {}
     for name in (*ids, *ties):
@@ -62,19 +66,19 @@ def test_the_proposed_experiment_breaks_the_tie(ids, theta, ties):
         signs = (1.0,) if effect.parameters[0].low == 0.0 else (1.0, -1.0)
         costs[name] = min(fitter.fit((effect,), None, sign * fitter.starts(effect)[0]).cost for sign in signs)
     for tie in ties:
-        assert costs[tie] - costs[ids[0]] > told["expected_evidence"] * 0.5
+        assert costs[tie] - costs[ids[0]] > reported["expected_evidence"] * 0.5
 
 
 def test_what_tells_nothing_is_reported_to_tell_nothing():
     ids, theta = ("sensor.gain",), (-0.1,)
     study = lab(ids, theta)
-    told = next_experiment(study, found(ids, theta, ("contact.stiffness",)))
+    reported = next_experiment(study, found(ids, theta, ("contact.stiffness",)))
     for name in ("free-flight chirp", "slow reversals", "light satellite"):
-        assert told["menu"][name] < 1.0
-    assert told["menu"]["dead weights"] > 1000.0
+        assert reported["menu"][name] < 1.0
+    assert reported["menu"]["dead weights"] > 1000.0
     ids, theta = ("dynamics.mass-offset",), (0.3,)
-    told = next_experiment(lab(ids, theta), found(ids, theta, ("dynamics.mass",)))
-    assert [name for name, value in told["menu"].items() if value > 10.0] == ["off-axis contact"]
+    reported = next_experiment(lab(ids, theta), found(ids, theta, ("dynamics.mass",)))
+    assert [name for name, value in reported["menu"].items() if value > 10.0] == ["off-axis contact"]
 
 
 def test_no_tie_needs_no_experiment():
@@ -87,8 +91,8 @@ def test_no_tie_needs_no_experiment():
 def test_an_experiment_of_ones_own_is_taken_where_it_is_best():
     ids, theta, tie = ("sensor.gain",), (-0.1,), ("contact.stiffness",)
     heavier = replace(_named("dead weights"), name="heavier weights", ticks=3000)
-    told = next_experiment(lab(ids, theta), found(ids, theta, tie), [*MENU, heavier])
-    assert told["name"] == "heavier weights"
+    reported = next_experiment(lab(ids, theta), found(ids, theta, tie), [*MENU, heavier])
+    assert reported["name"] == "heavier weights"
     with pytest.raises(ValueError, match="no experiment to choose from"):
         next_experiment(lab(ids, theta), found(ids, theta, tie), [])
 
@@ -105,22 +109,22 @@ def test_what_stays_tied_is_reported_with_the_experiment_for_it():
     ids, theta = ("structure.compliance",), (8e-7,)
     some = [_named("dead weights"), _named("slow reversals")]
     study, finding = lab(ids, theta), found(ids, theta, ("sensor.gain", "contact.stiffness"))
-    told = next_experiment(study, finding, some)
-    assert told["evidence"]["contact.stiffness"] < 10.0
-    assert told["expected_evidence"] < 10.0
-    assert told["leaves"] == [["structure.compliance", "contact.stiffness"]] and told["then"] == ""
+    reported = next_experiment(study, finding, some)
+    assert reported["evidence"]["contact.stiffness"] < 10.0
+    assert reported["expected_evidence"] < 10.0
+    assert reported["leaves"] == [["structure.compliance", "contact.stiffness"]] and reported["then"] == ""
 
 
-def test_rivals_are_told_from_each_other_too():
+def test_rivals_are_reported_from_each_other_too():
     """One of them may be right, and the first candidate wrong."""
     ids, theta = ("sensor.gain",), (-0.1,)
     study, finding = lab(ids, theta), found(ids, theta, ("structure.compliance", "contact.stiffness"))
     weights, laser, both = map(_named, ("dead weights", "tip tracker", "dead weights with tip tracker"))
-    told = next_experiment(study, finding, [weights, laser, both])
-    assert told["name"] == both.name and told["leaves"] == [] and told["then"] == ""
-    told = next_experiment(study, finding, [weights, laser])
-    assert told["name"] == weights.name and told["then"] == laser.name
-    assert told["leaves"] == [["structure.compliance", "contact.stiffness"]]
+    reported = next_experiment(study, finding, [weights, laser, both])
+    assert reported["name"] == both.name and reported["leaves"] == [] and reported["then"] == ""
+    reported = next_experiment(study, finding, [weights, laser])
+    assert reported["name"] == weights.name and reported["then"] == laser.name
+    assert reported["leaves"] == [["structure.compliance", "contact.stiffness"]]
 
 
 def test_what_is_tied_with_one_effect_of_two_stands_with_the_other_one():
@@ -131,8 +135,8 @@ def test_what_is_tied_with_one_effect_of_two_stands_with_the_other_one():
     rival = replace(
         finding.candidates[0], effects=other, probability=0.3, model=model(other, (-0.1, 0.0005)), ties=()
     )
-    told = next_experiment(study, replace(finding, candidates=(*finding.candidates, rival)))
-    assert told["between"] == ["robot.delay + sensor.gain", "contact.stiffness + robot.delay"]
+    reported = next_experiment(study, replace(finding, candidates=(*finding.candidates, rival)))
+    assert reported["between"] == ["robot.delay + sensor.gain", "contact.stiffness + robot.delay"]
 
 
 def test_what_no_experiment_tells_apart_does_not_count():
@@ -147,15 +151,18 @@ def test_what_no_experiment_tells_apart_does_not_count():
         asked.append((name, one, other))
         return table[name][one, other]
 
-    told = chosen({"cheap": "a", "dear": "b"}, ["x", "y", "z"], evidence)
-    assert told["name"] == "dear" and told["expected_evidence"] == 80.0
-    assert told["evidence"] == {"y": 90.0, "z": 80.0} and told["menu"] == {"cheap": 20.0, "dear": 80.0}
-    assert told["leaves"] == [["y", "z"]] and told["then"] == ""
+    reported = chosen({"cheap": "a", "dear": "b"}, ["x", "y", "z"], evidence)
+    assert reported["name"] == "dear" and reported["expected_evidence"] == 80.0
+    assert reported["evidence"] == {"y": 90.0, "z": 80.0} and reported["menu"] == {
+        "cheap": 20.0,
+        "dear": 80.0,
+    }
+    assert reported["leaves"] == [["y", "z"]] and reported["then"] == ""
     # Nothing is asked twice.
     assert len(asked) == len(set(asked)) == 6
     table["cheap"][1, 2] = 15.0
-    told = chosen({"cheap": "a", "dear": "b"}, ["x", "y", "z"], evidence)
-    assert told["name"] == "cheap" and told["expected_evidence"] == 15.0 and told["leaves"] == []
+    reported = chosen({"cheap": "a", "dear": "b"}, ["x", "y", "z"], evidence)
+    assert reported["name"] == "cheap" and reported["expected_evidence"] == 15.0 and reported["leaves"] == []
 
 
 def test_a_candidate_has_no_evidence_over_itself():
@@ -199,12 +206,12 @@ def test_impossible_experiments_are_refused(wrong):
         Experiment("odd", "", **wrong)
 
 
-def test_rivals_of_some_probability_are_told_apart_too():
+def test_rivals_of_some_probability_are_distinguished_too():
     study, ids, theta = lab(("robot.delay",), (0.0005,)), ("robot.delay",), (0.0005,)
     finding = found(ids, theta)
     other = replace(finding.candidates[0], effects=(), probability=0.02, model=finding.recalibrated)
-    told = next_experiment(study, replace(finding, candidates=(*finding.candidates, other)))
-    assert told["between"] == ["robot.delay", "none"]
+    reported = next_experiment(study, replace(finding, candidates=(*finding.candidates, other)))
+    assert reported["between"] == ["robot.delay", "none"]
     unlikely = replace(other, probability=0.001)
     assert next_experiment(study, replace(finding, candidates=(*finding.candidates, unlikely))) is None
 
@@ -224,25 +231,25 @@ def test_of_what_draws_more_of_the_same_tells():
     finding = found()
     drawn = replace(finding.candidates[0], effects=("sensor.dropout",), model=None, log_evidence=40.0)
     other = replace(drawn, effects=("sensor.coloured-noise",), log_evidence=28.0)
-    told = next_experiment(lab(), replace(finding, candidates=(drawn, other)))
-    assert told["name"] == "the same runs again" and told["expected_evidence"] == 12.0
-    assert told["between"] == ["sensor.dropout", "sensor.coloured-noise"]
-    assert "4000 more ticks" in told["description"]
+    reported = next_experiment(lab(), replace(finding, candidates=(drawn, other)))
+    assert reported["name"] == "the same runs again" and reported["expected_evidence"] == 12.0
+    assert reported["between"] == ["sensor.dropout", "sensor.coloured-noise"]
+    assert "4000 more ticks" in reported["description"]
     assert next_experiment(lab(), replace(finding, candidates=(drawn,)))["expected_evidence"] == 40.0
 
 
 @pytest.mark.parametrize("place", _ALONE)
 def test_an_unknown_effect_is_shown_by_itself(place):
     outside = replace(found().candidates[0], effects=("outside",), model=None)
-    told = next_experiment(lab(), replace(found(), candidates=(outside,), outside_place=place))
-    assert told["name"] in {one.name for one in MENU} and place in told["description"]
-    assert told["expected_evidence"] is None and told["between"] == ["outside", "none"]
+    reported = next_experiment(lab(), replace(found(), candidates=(outside,), outside_place=place))
+    assert reported["name"] in {one.name for one in MENU} and place in reported["description"]
+    assert reported["expected_evidence"] is None and reported["between"] == ["outside", "none"]
 
 
 def test_a_doubtful_calibration_is_measured_anew():
     strayed = Augmented({"natural_frequency": 480.0, "contact_stiffness": 177000.0}, (), np.zeros(0))
-    told = next_experiment(lab(), replace(found(recalibrated=strayed), doubtful_tolerances=True))
-    assert told["name"] == "free-flight chirp" and "robot" in told["description"]
+    reported = next_experiment(lab(), replace(found(recalibrated=strayed), doubtful_tolerances=True))
+    assert reported["name"] == "free-flight chirp" and "robot" in reported["description"]
 
 
 def test_a_study_names_experiments_of_its_own():
@@ -252,10 +259,10 @@ def test_a_study_names_experiments_of_its_own():
     assert listed[:-1] == menu() and listed[-1] == Experiment(**own)
     hammer = {"name": "hammer", "description": "our own"}
     assert [one.name for one in menu_of(replace(study, experiments=(hammer,)))].count("hammer") == 1
-    told = next_experiment(
+    reported = next_experiment(
         replace(study, experiments=(own,)), found(ids, theta, ("contact.stiffness",)), None
     )
-    assert "soft and slow" in told["menu"]
+    assert "soft and slow" in reported["menu"]
 
 
 def test_wrong_experiments_of_a_study_are_all_reported():

@@ -243,7 +243,7 @@ def delayed_at_random(own, model, amount, kind):
 @pytest.mark.parametrize(
     ("kind", "amount"), [("jitter", 5e-4), ("loss", 0.03), ("none", 0.0), ("wave", 1e-6)]
 )
-def test_commands_that_arrive_at_random_are_told_from_slow_errors(kind, amount):
+def test_commands_that_arrive_at_random_are_reported_from_slow_errors(kind, amount):
     own = lab(ticks=2000)
     model = RigModel(own, own.runs[:2])
     own = replace(own, runs=own.runs[:2])

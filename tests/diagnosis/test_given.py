@@ -48,7 +48,7 @@ def case(logged, tmp_path):
     return found
 
 
-def test_all_mistakes_of_a_case_are_told_at_once(case):
+def test_all_mistakes_of_a_case_are_reported_at_once(case):
     data = case.data
     data["experimentss"] = []
     data["nominal"]["front_wall"] |= {"value": -0.01}
@@ -99,7 +99,7 @@ def test_all_mistakes_of_a_case_are_told_at_once(case):
     ],
     ids=str,
 )
-def test_what_has_another_form_is_told_as_such(case, change, said):
+def test_what_has_another_form_is_reported_as_such(case, change, said):
     case.data |= change
     assert said in case.said()
 
@@ -164,7 +164,7 @@ def test_the_same_log_in_two_roles_is_refused(logged):
     assert refused[0].what.startswith("train-1 and heldout-1 hold the same log")
 
 
-def test_a_run_with_another_mass_than_stated_is_told():
+def test_a_run_with_another_mass_than_stated_is_reported():
     own = logged_study(ticks=1200)
     more = [replace(run, name=f"{run.name}-again") for run in logged_study(ticks=1200, seed=2).runs[:2]]
     runs = [*own.runs, *more]

@@ -156,5 +156,5 @@ def test_runs_that_alone_reach_a_limit_judge_nothing_and_the_diagnosis_says_so(s
     assert all(one.parts[:HALF] == one.parts[HALF:] for one in group.answers if one.fit is not None)
     alone = replace(study, runs=study.of(Role.TRAIN))
     assert weigh_rig(alone).unjudged == ""
-    told = diagnose(study, parts=Analyses(weigh=lambda _: conclude([group], calibration())))
-    assert f"left out: judging by held out runs: {group.unjudged}" in text(told)
+    reported = diagnose(study, parts=Analyses(weigh=lambda _: conclude([group], calibration())))
+    assert f"left out: judging by held out runs: {group.unjudged}" in text(reported)

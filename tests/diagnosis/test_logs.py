@@ -248,7 +248,7 @@ def test_units_are_needed_and_checked(study, tmp_path):
     path = write_study(
         study, tmp_path, ".mat", "{}", encoder_position={"column": "encoder_position", "unit": "N"}
     )
-    # The study says so, not the log: told once, where it stands.
+    # The study says so, not the log: reported once, where it stands.
     with pytest.raises(
         ConfigError, match=r"study.yaml:\d+: columns.encoder_position.unit: N .*to m"
     ) as caught:
@@ -427,8 +427,8 @@ def test_decimal_commas_between_commas(tmp_path):
 def test_a_time_that_is_not_mapped_and_is_another(tmp_path, header, step, said):
     values = [1, 5, 2, 9, 3] if step is None else [1e6 + step * row for row in range(5)]
     text = f"{header},f [N]\n" + "".join(f"{value!r},{row}\n" for row, value in enumerate(values))
-    told = csv(tmp_path, text)
-    assert told.startswith(f"a.csv: time is not mapped, and {said}") if said else told == ""
+    reported = csv(tmp_path, text)
+    assert reported.startswith(f"a.csv: time is not mapped, and {said}") if said else reported == ""
     name = header.partition(" ")[0]
     assert csv(tmp_path, text, time={"column": name, "unit": "s"}) == ""
 

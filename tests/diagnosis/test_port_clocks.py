@@ -48,7 +48,7 @@ def test_clocks_that_are_right_are_not_doubted(plain):
 
 
 @pytest.mark.parametrize("rows", [-5, 50])
-def test_a_column_that_is_late_or_early_within_a_loop_is_told(plain, rows):
+def test_a_column_that_is_late_or_early_within_a_loop_is_reported(plain, rows):
     """The controller would have been given another position, had that been delayed itself."""
     (refused,), _ = checked(late(plain, {POSITION}, rows))
     assert refused.place == "drive.position" and "times its noise" in refused.what
@@ -58,7 +58,7 @@ def test_a_column_that_is_late_or_early_within_a_loop_is_told(plain, rows):
     )
 
 
-def test_a_fed_column_that_is_late_is_told_and_mended_by_the_clock_that_is_told(tmp_path):
+def test_a_fed_column_that_is_late_is_reported_and_mended_by_the_clock_that_is_reported(tmp_path):
     folder = study(tmp_path)
     for run in range(3):
         with change_log(folder / f"run-{run}.csv") as columns:
@@ -101,7 +101,7 @@ def test_a_delay_within_the_loop_is_no_mistake_of_the_logs(tmp_path, port):
     assert checked(given)[0] == []
 
 
-def test_a_clock_that_runs_fast_is_told_with_its_rate(plain):
+def test_a_clock_that_runs_fast_is_reported_with_its_rate(plain):
     """By 4 samples in each run, against the clock of the other columns."""
 
     def of(run):
@@ -118,7 +118,7 @@ def test_a_clock_that_runs_fast_is_told_with_its_rate(plain):
     assert all(float(shift) < 2e-4 for _, shift, _ in rates)
 
 
-def test_logs_with_clocks_of_their_own_are_told_one_by_one(plain):
+def test_logs_with_clocks_of_their_own_are_reported_one_by_one(plain):
     runs = [late(plain, {POSITION}, 10 + 20 * number).runs[number] for number in range(3)]
     (refused,), _ = checked(replace(plain, runs=tuple(runs)))
     assert "late by 0.02 s in run-0, late by 0.06 s in run-1, late by 0.1 s in run-2" in refused.remedy

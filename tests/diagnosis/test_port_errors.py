@@ -28,8 +28,8 @@ def made(tmp_path_factory):
 
 
 @pytest.fixture
-def told(made, tmp_path):
-    """What is told of the study once it is changed by a function: `line: problem` each; "" if it is taken."""
+def reported(made, tmp_path):
+    """Problems of a study that a function changes, `line: problem` each; "" if it is accepted."""
     data = deepcopy(yaml.safe_load((made / "study.yaml").read_text()))
     for one in data["runs"]:
         one["file"] = str(made / one["file"])
@@ -112,8 +112,8 @@ def within(*path, **values):
         (within(runs=[]), "runs: no run has the role train\n  at least one"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_refused_where_it_stands(told, change, said):
-    found = told(change)
+def test_what_cannot_be_is_refused_where_it_stands(reported, change, said):
+    found = reported(change)
     assert found.partition(": ")[2].startswith(said), found
     assert len(placed(found)) == 1
     number = int(found.partition(": ")[0].removeprefix("wrong.yaml:"))
@@ -124,11 +124,11 @@ def test_what_cannot_be_is_refused_where_it_stands(told, change, said):
     "change",
     [within(settle="0 s"), within("runs", 0, to="2.002 s")],
 )
-def test_what_is_at_the_bounds_is_taken(told, change):
-    assert told(change) == ""
+def test_what_is_at_the_bounds_is_taken(reported, change):
+    assert reported(change) == ""
 
 
-def test_keys_without_effect_are_taken_and_named(made, tmp_path, told):
+def test_keys_without_effect_are_taken_and_named(made, tmp_path, reported):
     keys = {
         "candidates": {"only": ["drive.coulomb"], "parameters": {"drive.mass": "1 kg"}},
         "motion": {"port": "drive.position"},
@@ -136,7 +136,7 @@ def test_keys_without_effect_are_taken_and_named(made, tmp_path, told):
         "experiments": [{"name": "slow", "set": ["path.stroke=1 mm"]}],
         "practice": "practice.json",
     }
-    assert told(within(**keys)) == ""
+    assert reported(within(**keys)) == ""
     _, warned = check_logs(load_port_study(tmp_path / "wrong.yaml"))
     warned = [one for one in warned if "no effect" in one.what]
     assert [one.place.rpartition(": ")[2] for one in warned] == list(keys)
@@ -150,7 +150,7 @@ def test_options_of_the_search_that_is_gone_name_what_to_use(made, capsys, optio
     assert f"{options[0]}: is gone" in said and "Leave it out: `orchestrator diagnose STUDY` searches" in said
 
 
-def test_a_model_that_runs_away_is_told_before_anything_is_blamed(told):
+def test_a_model_that_runs_away_is_reported_before_anything_is_blamed(reported):
     """The controller's loop is unstable at this gain and step: no effect could be distinguished from that."""
 
     def change(data):
@@ -160,36 +160,36 @@ def test_a_model_that_runs_away_is_told_before_anything_is_blamed(told):
         (problem,), _ = check_logs(load_port_study(path))
         raise ConfigError([problem])
 
-    found = told(change, read)
+    found = reported(change, read)
     assert found.startswith("run-0: the model as configured runs away: controller.voltage from 0.0")
     assert "it does in 2 more runs\n" in found and "step below 0.002 s" in found
 
 
-def test_what_is_in_misspelt_sections_is_told(told):
+def test_what_is_in_misspelt_sections_is_reported(reported):
     def change(data):
         data["colums"] = data.pop("columns")
         data["colums"]["drive.speed"] = "x"
         data["run"] = data.pop("runs")
         data["run"][1]["file"] = "run-9.csv"
 
-    assert sorted(placed(told(change))) == ["columns.drive.speed", "colums", "run", "runs[1].file"]
+    assert sorted(placed(reported(change))) == ["columns.drive.speed", "colums", "run", "runs[1].file"]
 
 
-def test_files_under_set_are_beside_the_study(told, tmp_path):
+def test_files_under_set_are_beside_the_study(reported, tmp_path):
     """Not beside the system, here a bundled one."""
     shutil.copy(bundled.find_fmu("LinearDrive"), tmp_path / "mine.fmu")
 
     def change(data):
         data["set"] += ["drive.fmu=mine.fmu"]
 
-    assert told(change) == ""
+    assert reported(change) == ""
 
     def mistaken(data):
         data["set"][-1] = "drive.fmu=my.fmu"
 
     fmus = bundled.fmu_names()
     assert (
-        told(mistaken)
+        reported(mistaken)
         .partition(": ")[2]
         .startswith(
             "set[1]: instances.drive.fmu: no file my.fmu\n"
@@ -198,7 +198,7 @@ def test_files_under_set_are_beside_the_study(told, tmp_path):
     )
 
 
-def test_what_is_wrong_in_one_part_hides_nothing_in_others(told):
+def test_what_is_wrong_in_one_part_hides_nothing_in_others(reported):
     def change(data):
         data["settel"] = data.pop("settle")
         data["set"] += ["drive.mas=3 kg", "path.stroke=[1"]
@@ -212,7 +212,7 @@ def test_what_is_wrong_in_one_part_hides_nothing_in_others(told):
         data["runs"][1]["file"] = "run-9.csv"
         data["runs"][2]["role"] = "repeat"
 
-    found = told(change)
+    found = reported(change)
     heads = [line for line in found.splitlines() if not line.startswith("  ")]
     assert [line.split(": ")[1] for line in heads if line.startswith("wrong")] == [
         "calibrated.drive.mass.tol",
@@ -233,7 +233,7 @@ def test_what_is_wrong_in_one_part_hides_nothing_in_others(told):
     ]
 
 
-def test_without_a_system_files_and_times_are_looked_at(told):
+def test_without_a_system_files_and_times_are_looked_at(reported):
     def change(data):
         data["system"] = "emp"
         data["settle"] = "2"
@@ -241,7 +241,7 @@ def test_without_a_system_files_and_times_are_looked_at(told):
         data["runs"][1]["from"] = "-2 s"
         data["calibrated"]["drive.mass"]["tol"] = "1 kg"
 
-    found = told(change)
+    found = reported(change)
     wrong = ["system", "calibrated.drive.mass.tol", "runs[0].file", "runs[1].from"]
     assert sorted(placed(found)) == sorted([*wrong, "settle"])
     last = "Not checked because of these problems: ports and parameters of the study."
@@ -258,8 +258,8 @@ def test_keys_of_a_study_that_stand_twice_hide_nothing_else(made, tmp_path):
 
 
 @pytest.mark.parametrize("key", ["format", "system", "columns", "runs"])
-def test_what_is_missing_is_told_alone(told, key):
-    found = told(lambda data: data.pop(key)).partition("\nNot checked")
+def test_what_is_missing_is_reported_alone(reported, key):
+    found = reported(lambda data: data.pop(key)).partition("\nNot checked")
     assert found[0] == f"wrong.yaml: {key} is missing\n  it has no default"
     assert bool(found[1]) is (key == "system")
 
@@ -273,30 +273,30 @@ def test_files_that_are_no_study(tmp_path, text):
         load_port_study(tmp_path / "a.yaml")
 
 
-def test_a_time_that_is_not_mapped_is_not_taken_for_the_step(told):
+def test_a_time_that_is_not_mapped_is_not_taken_for_the_step(reported):
     def change(data):
         data["columns"].pop("time", None)
         data["set"] = ["run.step_size=1 ms"]
 
     # Of three logs the first is named.
-    assert told(change) == (
+    assert reported(change) == (
         "run-0.csv: time is not mapped, and column time rises by 0.002 s from row to row; "
         "the same in 2 more runs\n  0.001 s, of run.step_size. Map `time: time` under columns, or set "
         "run.step_size; rename the column if it holds no time."
     )
-    assert told(within(set=["run.step_size=2 ms"])) == ""
+    assert reported(within(set=["run.step_size=2 ms"])) == ""
 
 
-def test_only_what_is_taken_of_a_log_need_be_right(made, told, tmp_path):
+def test_only_what_is_taken_of_a_log_need_be_right(made, reported, tmp_path):
     header, *rows = (made / "run-0.csv").read_text().splitlines(keepends=True)
     rows[700] = "1.4,lost,0.1,0.1\n"
     (tmp_path / "gap.csv").write_text("".join([header, *rows[:100], *rows[130:]]))
-    found = told(within("runs", 0, file="gap.csv"))
+    found = reported(within("runs", 0, file="gap.csv"))
     assert "gap.csv: time: row 100 comes 0.062 s after the one before; 1 such in all" in found
-    found = told(within("runs", 0, **{"from": "0.3 s"}))
+    found = reported(within("runs", 0, **{"from": "0.3 s"}))
     assert found.startswith("gap.csv:672: path.position: row 670 of column path.position holds 'lost'\n")
     assert "by `from` and `to`" in found
-    assert told(within("runs", 0, to="1.3 s")) == ""
+    assert reported(within("runs", 0, to="1.3 s")) == ""
     # By the log's time, not by its rows.
     read = load_port_study(tmp_path / "wrong.yaml").runs[0]
     whole = np.loadtxt(made / "run-0.csv", delimiter=",", skiprows=1)
@@ -304,8 +304,8 @@ def test_only_what_is_taken_of_a_log_need_be_right(made, told, tmp_path):
     assert next(v for p, v in read.logs.items() if str(p) == "path.position")[0] == whole[150, 1]
 
 
-def test_a_folder_in_place_of_a_log(told):
-    found = told(within("runs", 0, file="."))
+def test_a_folder_in_place_of_a_log(reported):
+    found = reported(within("runs", 0, file="."))
     assert "is a folder, and no ROS bag" in found and "name a file, of .csv" in found
 
 
@@ -320,7 +320,7 @@ def test_studies_in_one_folder_are_called_after_their_files(made, tmp_path, caps
 
 
 @pytest.fixture
-def recorded(made, told, tmp_path):
+def recorded(made, reported, tmp_path):
     """What is reported about a study of messages: rows of a log, recorded at given stamps [s]."""
     log = np.loadtxt(made / "run-0.csv", delimiter=",", skiprows=1)
 
@@ -344,7 +344,7 @@ def recorded(made, told, tmp_path):
             }
             data["runs"] = [{"file": "a.mcap", "role": "train", **run}]
 
-        return told(change)
+        return reported(change)
 
     return said
 
@@ -376,7 +376,7 @@ def test_late_messages_are_no_lost_ones(recorded, delay):
     assert recorded(ROWS, np.maximum.accumulate(late)) == ""
 
 
-def test_lost_messages_are_told_with_their_place(recorded):
+def test_lost_messages_are_reported_with_their_place(recorded):
     kept = np.delete(ROWS, np.arange(300, 600))
     jitter = np.random.default_rng(4).exponential(2e-3, len(kept))
     assert recorded(kept, np.maximum.accumulate(2e-3 * kept)) == (
@@ -392,7 +392,7 @@ def test_lost_messages_are_told_with_their_place(recorded):
     assert "1101 rows take 2 s, 9.1 % less than as many steps of 0.002 s" in recorded(twice, 2e-3 * twice)
 
 
-def test_a_clock_that_gains_little_by_little_is_refused(made, told, recorded, tmp_path):
+def test_a_clock_that_gains_little_by_little_is_refused(made, reported, recorded, tmp_path):
     """Each step is right to 1 %, or messages jitter by more; over the run it is nine steps."""
     said = "by their stamps 1001 rows take 2.018 s, 0.9 % more than as many steps of 0.002 s" + STEP_OF_STUDY
     said += "Set run.step_size under `set`, or `interval`, so that samples are 0.002018 s apart; or correct "
@@ -410,17 +410,17 @@ def test_a_clock_that_gains_little_by_little_is_refused(made, told, recorded, tm
             data["columns"]["controller.voltage"]["noise"] = "5 mV"
             data["runs"] = [{"file": "fast.csv", "role": "train"}]
 
-        assert told(change) == found
+        assert reported(change) == found
 
 
 def test_a_temperature_on_another_scale_is_a_mistake_of_its_own():
-    found = {told.split(". ")[0]: (gain, offset) for gain, offset, told in wrong_scales("K")}
+    found = {reported.split(". ")[0]: (gain, offset) for gain, offset, reported in wrong_scales("K")}
     assert len(found) == 6
     gain, offset = found["All fits if its values are in K, not in degC"]
     assert (gain, offset) == pytest.approx((1.0, -273.15))
     # 68 degF taken for degC came out as 341.15 K, and is 293.15 K.
     gain, offset = found["All fits if its values are in degF, not in degC"]
     assert gain * 341.15 + offset == pytest.approx(293.15)
-    stated = [told for _, _, told in wrong_scales("K", "degC")]
-    assert len(stated) == 2 and all("`unit: degC`: correct that" in told for told in stated)
+    stated = [reported for _, _, reported in wrong_scales("K", "degC")]
+    assert len(stated) == 2 and all("`unit: degC`: correct that" in reported for reported in stated)
     assert list(wrong_scales("m")) == [] == list(wrong_scales("N.m"))

@@ -160,20 +160,20 @@ def test_a_log_may_be_given_to_one_reader_alone(tmp_path, plain):
     assert most(replace(found, runs=without)) > 1e3
 
 
-def test_an_output_that_is_fed_for_want_of_a_noise_is_told(tmp_path):
+def test_an_output_that_is_fed_for_want_of_a_noise_is_reported(tmp_path):
     """Not a source, of which nothing could be compared, nor what is meant to be fed."""
     file = study(tmp_path) / "study.yaml"
     data = yaml.safe_load(file.read_text())
 
-    def told(voltage):
+    def reported(voltage):
         data["columns"]["controller.voltage"] = {"column": "controller.voltage", **voltage}
         file.write_text(yaml.safe_dump(data))
         found = load_port_study(file)
         return [one.place for one in check_logs(found)[1] if "`noise`" in one.what]
 
-    assert told({}) == ["controller.voltage"]
+    assert reported({}) == ["controller.voltage"]
     for meant in ({"feed": True}, {"noise": "5 mV", "feed": False}):
-        assert told(meant) == []
+        assert reported(meant) == []
 
 
 def test_a_held_input_acts_from_its_sample_on(tmp_path):

@@ -33,11 +33,11 @@ def idle(system):
 
 
 def test_signals_are_equal_to_the_bit_where_idle_instances_step(rubbing, monkeypatch):
-    told = []
+    reported = []
 
     def noting(*args):
         found = without_idle(*args)
-        told.append(idle(found))
+        reported.append(idle(found))
         return found
 
     def given():
@@ -47,7 +47,7 @@ def test_signals_are_equal_to_the_bit_where_idle_instances_step(rubbing, monkeyp
 
     monkeypatch.setattr(player, "without_idle", noting)
     quick = given()
-    assert told == 3 * [{"path"}]
+    assert reported == 3 * [{"path"}]
     monkeypatch.setattr(player, "without_idle", lambda system, *_: system)
     for one, other in zip(quick, given(), strict=True):
         assert all(one[port].tobytes() == other[port].tobytes() for port in (POSITION, VOLTAGE))

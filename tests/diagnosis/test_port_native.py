@@ -74,8 +74,8 @@ def made(folder, hidden="", memory=""):
 
 def test_a_python_component_is_replayed_without_python_and_gives_the_same(tmp_path):
     study = made(tmp_path)
-    native, told = in_native_form(study)
-    assert not told
+    native, reported = in_native_form(study)
+    assert not reported
     assert [one.name for one in native.natives] == ["tank.fmu"]
     given, found = (player_of(one, one.fed, one.compared) for one in (study, native))
     assert found.parallel and not given.parallel
@@ -90,8 +90,8 @@ def test_numbers_that_a_component_does_not_register_are_remembered(tmp_path):
     study = made(
         tmp_path, "self.turned = 0.0", "self.turned += 0.1; self.level += 1e-3 * math.sin(self.turned)"
     )
-    native, told = in_native_form(study)
-    assert not told
+    native, reported = in_native_form(study)
+    assert not reported
     assert [one.name for one in native.natives] == ["tank.fmu"]
     one, other = (Replay(each).signals(study.runs[0]) for each in (study, native))
     assert one[Port("tank", "level")] == pytest.approx(other[Port("tank", "level")], rel=1e-12)
@@ -100,6 +100,6 @@ def test_numbers_that_a_component_does_not_register_are_remembered(tmp_path):
 def test_a_component_that_remembers_what_is_no_number_stays_in_python(tmp_path):
     memory = "self.turns.append(0.1); self.level += 1e-3 * math.sin(len(self.turns))"
     study = made(tmp_path, "self.turns = []", memory)
-    same, (told,) = in_native_form(study)
-    assert same is study and told.place == "tank"
-    assert told.what.startswith("is replayed in Python") and "native form: level differs" in told.what
+    same, (reported,) = in_native_form(study)
+    assert same is study and reported.place == "tank"
+    assert reported.what.startswith("is replayed in Python") and "native form: level differs" in reported.what

@@ -16,7 +16,7 @@ from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.unknown_input.diagnose import diagnose_system
 
 
-def test_all_that_is_wrong_with_a_study_is_told_at_once(noiseless, capsys):
+def test_all_that_is_wrong_with_a_study_is_reported_at_once(noiseless, capsys):
     data = yaml.safe_load((noiseless / "study.yaml").read_text())
     data["columns"]["drive.positon"] = data["columns"].pop("drive.position")
     data["columns"]["drive.voltage"] = {"column": "controller.voltage", "unit": "V", "noise": "1 V"}
@@ -28,8 +28,11 @@ def test_all_that_is_wrong_with_a_study_is_told_at_once(noiseless, capsys):
     places = [one.place.partition(": ")[2] for one in caught.value.problems]
     assert places == ["calibrated.drive.mass.tolerance", "calibrated.drive.masss.tolerance",
                       "columns.drive.positon", "columns.drive.voltage", "settle"]  # fmt: skip
-    told = str(caught.value)
-    assert "Did you mean drive.position" in told and "drive.voltage: an input is fed what was logged" in told
+    reported = str(caught.value)
+    assert (
+        "Did you mean drive.position" in reported
+        and "drive.voltage: an input is fed what was logged" in reported
+    )
     assert main(["diagnose", str(noiseless / "wrong.yaml")]) == 2
     assert "drive.positon" in capsys.readouterr().err
 
@@ -87,24 +90,24 @@ def test_a_sign_or_unit_that_the_study_gives_is_to_be_corrected_there(tmp_path):
     assert problem.remedy.endswith("The study file says `unit: mm`: correct that.")
 
 
-def test_a_tolerance_as_large_as_its_value_is_told(tmp_path):
+def test_a_tolerance_as_large_as_its_value_is_reported(tmp_path):
     folder = study(tmp_path)
     data = yaml.safe_load((folder / "study.yaml").read_text())
 
-    def told(**tolerances: str) -> list[str]:
+    def reported(**tolerances: str) -> list[str]:
         data["calibrated"] = {f"drive.{name}": {"tolerance": one} for name, one in tolerances.items()}
         (folder / "study.yaml").write_text(yaml.safe_dump(data, sort_keys=False))
         warned = checked(load_port_study(folder))[1]
         return [f"{one.place}: {one.what}. {one.remedy}" for one in warned if "calibrated" in one.place]
 
-    assert told(mass="90 kg", viscous_friction="200 N.s/m") == []
-    (said,) = told(mass="2 kg", viscous_friction="407 N.s/m")
+    assert reported(mass="90 kg", viscous_friction="200 N.s/m") == []
+    (said,) = reported(mass="2 kg", viscous_friction="407 N.s/m")
     assert said.endswith(
         "calibrated.drive.viscous_friction.tolerance: 407 N.s/m is 200 % of the value and leaves its sign "
         "open; expected, as one standard deviation: below 203.5 N.s/m. Give what the calibration is known "
         "to: the search moves a number by up to three tolerances without a reason."
     )
-    assert len(told(mass="100 kg", viscous_friction="407 N.s/m")) == 2
+    assert len(reported(mass="100 kg", viscous_friction="407 N.s/m")) == 2
 
 
 def test_runs_that_were_driven_otherwise_repeat_nothing(tmp_path):
@@ -131,13 +134,13 @@ def test_noise_that_is_fed_is_warned_of(tmp_path):
     folder = study(tmp_path)
     data = yaml.safe_load((folder / "study.yaml").read_text())
 
-    def told(noise: str) -> list[str]:
+    def reported(noise: str) -> list[str]:
         data["columns"]["controller.voltage"] |= {"feed": True, "noise": noise}
         (folder / "study.yaml").write_text(yaml.safe_dump(data))
         return [one.what for one in checked(load_port_study(folder))[1] if "is fed" in one.what]
 
-    assert told("0.05 mV") == []
-    (what,) = told("5 mV")
+    assert reported("0.05 mV") == []
+    (what,) = reported("5 mV")
     assert "which moves drive.position by" in what
 
 

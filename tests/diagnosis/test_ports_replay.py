@@ -72,7 +72,7 @@ class Slow(Gain):
     jittable = False
 
 
-def test_a_model_that_runs_away_is_told_in_both_loops(noiseless):
+def test_a_model_that_runs_away_is_reported_in_both_loops(noiseless):
     found = load_port_study(noiseless)
     run = found.runs[0]
     player = player_of(found, found.fed, found.compared)

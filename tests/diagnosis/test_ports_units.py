@@ -1,4 +1,4 @@
-"""Columns in other units than the study says: told before anything is blamed."""
+"""Columns in other units than the study says: reported before anything is blamed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def fed_too(folder, column):
 
 
 @pytest.mark.parametrize(
-    ("factor", "told"),
+    ("factor", "reported"),
     [
         (10.0, "10 times too large, as if logged in mm, not in cm"),
         (0.1, "10 times too small, as if it should be in mm, not in cm"),
@@ -30,17 +30,17 @@ def fed_too(folder, column):
         (6e4, "6e+04 times too large, as if logged in L/min, not in m3/s"),
     ],
 )
-def test_a_column_in_another_unit_is_told_with_both(tmp_path, factor, told):
+def test_a_column_in_another_unit_is_reported_with_both(tmp_path, factor, reported):
     study(tmp_path)
     for number in range(3):
         with change_log(tmp_path / f"run-{number}.csv") as columns:
             columns["drive.position"] *= factor
     (found,) = checked(load_port_study(tmp_path))[0]
-    assert found.place.endswith("drive.position") and told in found.remedy
+    assert found.place.endswith("drive.position") and reported in found.remedy
 
 
 @pytest.mark.parametrize(
-    ("change", "place", "told"),
+    ("change", "place", "reported"),
     [
         (
             lambda columns: {"drive.position": 1e3 * columns["drive.position"]},
@@ -63,7 +63,7 @@ def test_a_column_in_another_unit_is_told_with_both(tmp_path, factor, told):
         ),
     ],
 )
-def test_a_mistake_in_a_column_of_two_ports_is_told_of_both(tmp_path, change, place, told):
+def test_a_mistake_in_a_column_of_two_ports_is_reported_of_both(tmp_path, change, place, reported):
     """What the controller was given is also what the drive is compared with."""
     study(tmp_path, seed=None)
     fed_too(tmp_path, {"column": "drive.position"})
@@ -72,10 +72,10 @@ def test_a_mistake_in_a_column_of_two_ports_is_told_of_both(tmp_path, change, pl
         with change_log(tmp_path / f"run-{number}.csv") as columns:
             columns |= {name: values.copy() for name, values in change(columns).items()}
     (found,) = checked(load_port_study(tmp_path))[0]
-    assert (found.place, found.remedy) == (f"run-0: {place}", told)
+    assert (found.place, found.remedy) == (f"run-0: {place}", reported)
 
 
-def test_a_mistake_at_one_of_two_ports_of_a_column_is_told_of_that(tmp_path):
+def test_a_mistake_at_one_of_two_ports_of_a_column_is_reported_of_that(tmp_path):
     study(tmp_path, seed=None)
     fed_too(tmp_path, {"column": "drive.position", "unit": "mm"})
     (found,) = checked(load_port_study(tmp_path))[0]

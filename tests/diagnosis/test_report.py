@@ -35,7 +35,7 @@ def made(effects=("drive.coulomb",), ties=(), **other):
     return Diagnosis.model_validate(data)
 
 
-def test_held_out_runs_that_contradict_an_answer_are_told_in_the_headline():
+def test_held_out_runs_that_contradict_an_answer_are_reported_in_the_headline():
     worse = made(how_far=GAP | {"closure": -6.33, "after": 0.7})
     assert headline(worse) == (
         "The fitted runs support drive.coulomb (probability 100 %), but on runs that no fit saw "
@@ -107,14 +107,14 @@ def test_several_numbers_may_tell_together_of_which_none_is_far_off():
 
 def test_a_gap_that_shows_elsewhere_than_the_effect_acts_is_reported():
     where = {"drive": 0.9, "controller": 0.1}
-    (told,) = caveats(made(("controller.voltage.gain",), where=where))
-    assert told == (
+    (reported,) = caveats(made(("controller.voltage.gain",), where=where))
+    assert reported == (
         "The gap shows most at drive (90 %), while controller.voltage.gain acts at controller: "
         "if it is the cause, its error travels on."
     )
-    assert told in page(made(("controller.voltage.gain",), where=where))
-    (told,) = caveats(made(("path.gain", "controller.voltage.gain"), where=where))
-    assert "path.gain and controller.voltage.gain act at controller and path" in told
+    assert reported in page(made(("controller.voltage.gain",), where=where))
+    (reported,) = caveats(made(("path.gain", "controller.voltage.gain"), where=where))
+    assert "path.gain and controller.voltage.gain act at controller and path" in reported
     # Not where one of those named has it, where no place clearly has, where a tie or the same component has,
     # where all of it is noise, or where nothing is named.
     assert not caveats(made(("controller.voltage.gain", "drive.coulomb"), where=where))
@@ -133,7 +133,7 @@ def test_of_something_outside_no_other_place_is_named():
 
 
 @pytest.mark.parametrize(
-    ("told_by", "said"),
+    ("reported_by", "said"),
     [
         ("repeats", "noise: what runs differ by that repeat each other."),
         ("specified", "noise: as specified, since no held-out run was repeated."),
@@ -141,11 +141,11 @@ def test_of_something_outside_no_other_place_is_named():
         ("", "noise: what does not repeat."),
     ],
 )
-def test_the_page_tells_where_the_noise_comes_from(told_by, said):
-    assert said in page(made(how_far=GAP | {"noise_floor_from": told_by}))
+def test_the_page_tells_where_the_noise_comes_from(reported_by, said):
+    assert said in page(made(how_far=GAP | {"noise_floor_from": reported_by}))
     whole = GAP | {"noise_floor_from": "none"}
     words = f"{said[:-1]}; over complete runs none is known."
-    assert words in page(made(how_far=GAP | {"noise_floor_from": told_by, "full_run": whole}))
+    assert words in page(made(how_far=GAP | {"noise_floor_from": reported_by, "full_run": whole}))
 
 
 def test_effects_stand_with_their_numbers_and_names_as_they_are():
@@ -173,15 +173,15 @@ def test_phases_stand_over_their_bands():
 def test_that_recalibration_closes_as_much_is_reported_beside_the_headline(closed, stray, said):
     numbers = {"nominal": 25.0, "tolerance": 2.5, "fitted": 25.0, "recalibrated": 25.0 + 2.5 * stray}
     gap = {**GAP, "recalibration_only": closed}
-    told = caveats(made(how_far=gap, calibration={"room.vent": numbers}))
-    assert bool(told) == said
+    reported = caveats(made(how_far=gap, calibration={"room.vent": numbers}))
+    assert bool(reported) == said
     if said:
-        assert "room.vent +12.0 tolerances" in told[0] and "97 %" in told[0]
+        assert "room.vent +12.0 tolerances" in reported[0] and "97 %" in reported[0]
 
 
 def test_what_to_do_where_no_experiment_tells_is_said():
     """Where all of the menu are considered, others must be named."""
     vain = {"name": "log drive.velocity", "description": "x", "expected_evidence": 0.1, "between": []}
     found = made(next_experiment=vain)
-    told = "o experiment that was considered separates these answers; name what else can be run under"
-    assert told in page(found) and f"  next: n{told}" in text(Diagnosed(None, None, found))
+    reported = "o experiment that was considered separates these answers; name what else can be run under"
+    assert reported in page(found) and f"  next: n{reported}" in text(Diagnosed(None, None, found))

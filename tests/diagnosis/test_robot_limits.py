@@ -73,7 +73,7 @@ def test_roughness_is_larger_where_a_limit_leads_the_rig():
 def test_what_halved_sub_steps_change_of_a_limited_servo_is_its_own_error():
     """One that runs into its limit again and again goes another way in finer steps, and none else does."""
 
-    def told(name, *left):
+    def reported(name, *left):
         own, _ = hiding(name, 1.0)
         model = RigModel(own, own.of(Role.TRAIN))
         weighing = Weighing.of(model, [catalogue()["contact.cubic"]], calibration().roughness)
@@ -81,10 +81,10 @@ def test_what_halved_sub_steps_change_of_a_limited_servo_is_its_own_error():
         fit = search(fitter, [catalogue()[name]], longest=1).best
         return [own_error(weighing, fitter, fit, one) for one in left]
 
-    astray, bounded = told("robot.acceleration-limit", 1e9, 1e3)
+    astray, bounded = reported("robot.acceleration-limit", 1e9, 1e3)
     assert 1e4 < astray < 1e9
     assert bounded == 1e3  # no more than is left
-    (followed,) = told("robot.rate-limit", 1e9)
+    (followed,) = reported("robot.rate-limit", 1e9)
     assert followed < 5.0
 
 
@@ -177,12 +177,18 @@ def test_losses_that_keep_a_period_are_not_by_chance():
     assert _regular([one[:2] for one in even], [everywhere] * 3) == 0.0
 
 
-def test_losses_too_few_for_chance_are_told_by_their_period():
-    def told(by_chance, period, arrivals=0.0):
+def test_losses_too_few_for_chance_are_reported_by_their_period():
+    def reported(by_chance, period, arrivals=0.0):
         return Arrivals(arrivals, 0.0, 0.0, [], Losses(by_chance, 0.01, (), (), period)).periodic
 
-    assert told(12.0, 9.0) == 21.0
-    assert told(30.0, 0.0) == told(3.0, 9.0) == told(-4.0, 0.0) == told(12.0, 9.0, arrivals=6.0) == 0.0
+    assert reported(12.0, 9.0) == 21.0
+    assert (
+        reported(30.0, 0.0)
+        == reported(3.0, 9.0)
+        == reported(-4.0, 0.0)
+        == reported(12.0, 9.0, arrivals=6.0)
+        == 0.0
+    )
     assert Arrivals(0.0, 0.0, 0.0, []).periodic == 0.0
 
 

@@ -79,7 +79,7 @@ def test_two_effects_are_named():
     assert set(found.effects) == {"contact.hertz", "robot.delay"}
 
 
-def test_effects_that_cannot_be_told_apart_are_ties():
+def test_effects_that_cannot_be_distinguished_are_ties():
     found = named(own_study(["sensor.gain"], [0.2]))
     first = found.candidates[0]
     assert {"sensor.gain", "contact.stiffness"} <= {*first.effects, *first.ties}

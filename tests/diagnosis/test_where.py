@@ -181,11 +181,11 @@ def test_energy_balances_add_up(ids, theta):
         for one in balances(study, run, NONE):
             assert one.measured.sum() == pytest.approx(one.change[0], abs=1e-9)
             assert one.modelled.sum() == pytest.approx(one.change[1], abs=1e-9)
-    told = energy(study, found(ids, theta))
+    reported = energy(study, found(ids, theta))
     for name in ("measured", "nominal", "excess", "answer"):
-        assert sum(told[name].values()) == pytest.approx(told["change"][name], abs=1e-9)
-    assert told["change"]["answer"] == pytest.approx(told["change"]["measured"], abs=0.02)
-    assert list(told["measured"]) == list(INTERFACES)
+        assert sum(reported[name].values()) == pytest.approx(reported["change"][name], abs=1e-9)
+    assert reported["change"]["answer"] == pytest.approx(reported["change"]["measured"], abs=0.02)
+    assert list(reported["measured"]) == list(INTERFACES)
 
 
 def test_a_delayed_robot_pumps_energy_and_drag_takes_it():
@@ -242,10 +242,10 @@ def test_both_ledgers_add_up_whatever_the_runs_are(fault, cuts, noise, seed):
         assert sum(where(study, finding).values()) == pytest.approx(1.0, abs=1e-9)
         shares = shapley_shares(study, study.of(Role.HELDOUT), finding.answer)
         assert shares.values.sum() == pytest.approx(shares.gap - shares.left, abs=1e-9)
-        told = energy(study, finding)
-        for name in ("measured", "nominal", "excess", "answer") if told else ():
-            assert sum(told[name].values()) == pytest.approx(told["change"][name], abs=1e-9)
-        for one in told.get("contacts", ()):
+        reported = energy(study, finding)
+        for name in ("measured", "nominal", "excess", "answer") if reported else ():
+            assert sum(reported[name].values()) == pytest.approx(reported["change"][name], abs=1e-9)
+        for one in reported.get("contacts", ()):
             assert sum(one["by_interface"].values()) == pytest.approx(one["excess"], abs=1e-9)
 
 

@@ -118,7 +118,7 @@ def test_summary_says_what_half_the_step_changes(active):
 @pytest.mark.parametrize("delay", ["1 ms", "2 ms"])
 def test_lead_compensates_the_sensor_delay(delay):
     """In the limit of small steps: at a finite one, Gauss-Seidel hands the sensor a force of the step's end
-    at its begin, which shortens the delay that the controller is told of."""
+    at its begin, which shortens the delay that the controller is given."""
     overrides = [f"sensor.tau_s={delay}", f"controller.tau_s={delay}", "run.step_size=0.1 ms"]
     result = run("docking-1d", overrides=[*overrides, "run.stop_time=2 s"])
     for index in (1, 2):

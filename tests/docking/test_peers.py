@@ -34,7 +34,7 @@ def test_peers_that_know_enough_stop_the_divergence(name, deviation):
         ("docking-1d", True),
     ],
 )
-def test_a_slower_robot_that_nobody_told_them_of(name, stable):
+def test_a_slower_robot_that_nobody_reported_them_of(name, stable):
     """The source's claim: without a model of the robot."""
     found = speeds(name, 3, "robot.tau_m=6 ms")
     if stable:

@@ -81,9 +81,9 @@ def reader(folder):
 
 
 def test_the_page_shows_the_numbers_of_the_summary(summary, reader):
-    told = [one for entry in summary["experiments"] for one in entry["quantities"]]
-    assert list(reader.rows) == [one["key"] for one in told]
-    for one in told:
+    reported = [one for entry in summary["experiments"] for one in entry["quantities"]]
+    assert list(reader.rows) == [one["key"] for one in reported]
+    for one in reported:
         cells = reader.rows[one["key"]]
         assert cells[0] == f"Fig. {one['figure'].removeprefix('fig')}"
         assert cells[2] == one["paper"]
@@ -119,13 +119,13 @@ def test_the_page_can_be_made_again_from_the_folder(folder, summary):
 
 
 def test_the_summary_counts_its_verdicts(summary):
-    told = [one for entry in summary["experiments"] for one in entry["quantities"]]
-    assert summary["numbers"] == len(told) == 8
+    reported = [one for entry in summary["experiments"] for one in entry["quantities"]]
+    assert summary["numbers"] == len(reported) == 8
     assert summary["source"] == {"agree": 8, "differ": 0} and summary["theory"] == {"agree": 0, "differ": 0}
     assert summary["runs"] == 4
     (entry,) = summary["experiments"]
     assert entry["runs"]["active"]["system"] == "docking-1d"
-    by_key = {one["key"]: one for one in told}
+    by_key = {one["key"]: one for one in reported}
     assert 0.0 < abs(by_key["velocity_deviation"]["halving_change"]) < 0.01
 
 

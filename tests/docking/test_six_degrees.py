@@ -135,8 +135,8 @@ def test_the_command_writes_measures_and_figures(tmp_path, capsys):
     out = tmp_path / "out"
     settings = ["--set", "run.stop_time=0.6 s"]
     assert main(["run", "docking-6d-uncompensated", "docking-6d", *settings, "--out", str(out)]) == 0
-    told = capsys.readouterr().out
-    assert "kinetic_energy_ratio" in told
+    reported = capsys.readouterr().out
+    assert "kinetic_energy_ratio" in reported
     names = {"positions", "attitude", "forces", "energy", "contacts"}
     for system, own in (("docking-6d", {"estimates"}), ("docking-6d-uncompensated", set())):
         drawn = {path.stem for path in (out / system).glob("*.png")}

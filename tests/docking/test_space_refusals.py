@@ -9,7 +9,7 @@ from orchestrator.cli.main import main
 INITIALISATION = "    [error] ExitInitializationMode: initialisation is refused\n"
 
 
-def told(instance: str, sentence: str) -> str:
+def reported(instance: str, sentence: str) -> str:
     """The whole text of a refusal at the end of initialisation."""
     return (
         f"orchestrator: {instance}: fmi2ExitInitializationMode returned error\n"
@@ -23,7 +23,7 @@ REFUSALS = {
     "unreachable pose": (
         "docking-6d-arm",
         ["inverse.target_position[1]=4 m"],
-        told(
+        reported(
             "inverse",
             "the first command: out of reach: the wrist's centre would be 3.17415 m from A2; allowed: "
             f"0.0507002 m to 2.3507 m. {MOVE}, or let the rail carry more by rail_share.",
@@ -32,7 +32,7 @@ REFUSALS = {
     "rail limit": (
         "docking-6d-arm",
         ["inverse.rail_position=1.6 m", "inverse.target_position[1]=3.28403508 m"],
-        told(
+        reported(
             "inverse",
             f"the first command: rail would stand at 1.6 m; allowed: -1.5 m to 1.5 m. {BRANCH}",
         ),
@@ -40,7 +40,7 @@ REFUSALS = {
     "rail rate": (
         "docking-6d-arm",
         ["inverse.rail_share=100"],
-        told(
+        reported(
             "inverse",
             "the first command: rail would move at 2 m/s; allowed: up to 1.5 m/s. Command it slower, or keep "
             "further from singularities.",
@@ -49,7 +49,7 @@ REFUSALS = {
     "singular wrist": (
         "docking-6d-arm",
         ["inverse.target_position[1]=1.8653 m", "inverse.target_position[3]=1.7665 m"],
-        told(
+        reported(
             "inverse",
             "the first command: wrist singularity: A4 and A6 are in line but for an angle, A5, of sine "
             "2.35634e-05; allowed: 0.05 (wrist_margin) or more. Move target_position up or down, or turn the "
@@ -59,7 +59,7 @@ REFUSALS = {
     "inertia not positive definite": (
         "docking-6d",
         ["satellites.inertia_a[1,1]=-1 kg.m2"],
-        told(
+        reported(
             "satellites",
             "inertia_a is not positive definite: diagonal -1.0, 50.0, 50.0 kg.m2, [1,2], [1,3], [2,3] "
             "0.0, 0.0, 0.0 kg.m2; its three principal moments have to be above 0 kg.m2",

@@ -128,14 +128,14 @@ def test_all_that_is_wrong_is_reported_at_once():
             ],
         }
     ]
-    told = refusal(wrong)
+    reported = refusal(wrong)
     place = "system: connections[0].through"
-    assert told[:3] == [
+    assert reported[:3] == [
         f"{place}[0].delya: no effect 'delya'",
         f"  effects: {', '.join(BUILT_IN)}. Did you mean delay or relay?",
         f"{place}[1].delay: delay: time: cannot take '1 m', m [m] cannot be converted to s [s]",
     ]
-    heads = [line.removeprefix(place).partition(":")[0] for line in told if not line.startswith("  ")]
+    heads = [line.removeprefix(place).partition(":")[0] for line in reported if not line.startswith("  ")]
     # Behind the first, whose unit nobody knows, options in the signal's unit are not judged.
     assert heads == [
         "[0].delya", "[1].delay", "[2].delay", "[3]", "[5].saturate", "[6].seed", "[7]", "[8]",
@@ -144,7 +144,7 @@ def test_all_that_is_wrong_is_reported_at_once():
     wrong[0]["through"] = wrong[0]["through"][1:]
     heads = [line.removeprefix(place).partition(":")[0] for line in refusal(wrong) if line[0] != " "]
     assert heads[3:5] == ["[3].quantise", "[4].saturate"]
-    text = "\n".join(told)
+    text = "\n".join(reported)
     for part in (
         "effect delay: time: input should be greater than or equal to 0, got -0.001",
         "low-pass takes either a cutoff or a time_constant",
@@ -172,15 +172,15 @@ def test_units_are_followed_through_the_chain():
         "system: connections[0].through[1].quantise: quantise: resolution: cannot take '1 m', "
         "m [m] cannot be converted to m times N/m [kg.m.s-2]"
     )
-    told = refusal([{"from": ["a.y", "b.y"], "to": "b.u", "through": [{"gain": "1 N/m"}]}])
-    assert told[0] == "system: connections[0]: cannot add b.y [N] to a.y [m]"
+    reported = refusal([{"from": ["a.y", "b.y"], "to": "b.u", "through": [{"gain": "1 N/m"}]}])
+    assert reported[0] == "system: connections[0]: cannot add b.y [N] to a.y [m]"
 
 
 def test_effects_and_sums_take_real_numbers_only():
     count = FakeFmu(extra=[variable("n", Causality.OUTPUT, kind=Kind.INTEGER, type="Int32")])
     parts = [Part("count", count), Part("sink", gain())]
-    told = refusal([{"from": "count.n", "to": "sink.u", "through": [{"delay": "1 ms"}]}], parts)
-    assert told == [
+    reported = refusal([{"from": "count.n", "to": "sink.u", "through": [{"delay": "1 ms"}]}], parts)
+    assert reported == [
         "system: connections[0]: count.n is of type Integer",
         "  effects and sums take real numbers only, except map",
     ]
@@ -209,21 +209,22 @@ def test_arrays_connect_element_by_element():
         "  arrays are connected element by element, and need the same elements on both sides. Connect single "
         "elements by their names.",
     ]
-    told = refusal([{"from": "one.x[1]", "to": "two.u"}], parts)
+    reported = refusal([{"from": "one.x[1]", "to": "two.u"}], parts)
     assert (
-        told[0] == "system: connections[0]: cannot connect one.x[1] (no array) to two.u (elements [1], [2])"
+        reported[0]
+        == "system: connections[0]: cannot connect one.x[1] (no array) to two.u (elements [1], [2])"
     )
-    assert len(told) == 2
+    assert len(reported) == 2
 
 
-def test_problems_of_an_array_are_told_once():
+def test_problems_of_an_array_are_reported_once():
     source = vectors(["x[1]", "x[2]"], Causality.OUTPUT)
     sink = vectors(["u[1]", "u[2]"], Causality.INPUT)
-    told = refusal(
+    reported = refusal(
         [{"from": "one.x", "to": "two.u", "through": [{"delay": 3}]}],
         [Part("one", source), Part("two", sink)],
     )
-    assert told == [
+    assert reported == [
         "system: connections[0].through[0].delay: delay: time: 3 has no unit",
         "  a unit must be given, for zero too; its unit is s. Write 3 s.",
     ]

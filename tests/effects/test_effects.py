@@ -130,9 +130,9 @@ def test_a_delay_lies_on_the_line_between_points_and_knows_what_was_before():
     late = filtered([{"delay": "25 ms"}])
     t = np.arange(101) * 0.01
     assert late == pytest.approx(np.maximum(t - 0.025, 0.0), abs=1e-12)
-    told = filtered([{"delay": "25 ms", "before": "-3 m"}])
-    assert told[:3].tolist() == [-3.0] * 3
-    assert told[3:] == pytest.approx(late[3:], abs=1e-15)
+    reported = filtered([{"delay": "25 ms", "before": "-3 m"}])
+    assert reported[:3].tolist() == [-3.0] * 3
+    assert reported[3:] == pytest.approx(late[3:], abs=1e-15)
 
 
 def test_a_delay_shorter_than_a_step_lies_within_it():

@@ -54,7 +54,7 @@ def same_system(one, other):
         assert line(a) == pytest.approx(line(b), rel=1e-12, abs=1e-15)
 
 
-def test_fmus_that_were_equal_at_an_earlier_export_are_told_apart(tmp_path):
+def test_fmus_that_were_equal_at_an_earlier_export_are_distinguished(tmp_path):
     """In one process: a file may be another one by then, under the same name."""
     files = [tmp_path / name / "X.fmu" for name in ("a", "b")]
     for file in files:

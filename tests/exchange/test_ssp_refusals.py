@@ -277,7 +277,7 @@ def test_dangling_references(what, tmp_path):
     assert of(root, tmp_path) == PLACE + expected
 
 
-def test_all_problems_are_told_at_once(tmp_path):
+def test_all_problems_are_reported_at_once(tmp_path):
     root = system(
         "rig",
         component("robot", "robot.fmu", ROBOT),

@@ -102,10 +102,10 @@ def test_signals_are_those_of_run_to_the_bit(tmp_path, version, config, override
     report = exported(tmp_path, config, overrides=overrides, fmi_version=version)
     assert set(report.platforms) == set(PLATFORMS)
     results = reference(config, overrides)
-    told = in_fmpy(report, results)
-    assert np.allclose(told["time"], results.time, rtol=0.0, atol=1e-12)  # fmpy adds steps up
+    reported = in_fmpy(report, results)
+    assert np.allclose(reported["time"], results.time, rtol=0.0, atol=1e-12)  # fmpy adds steps up
     for name in report.outputs:
-        assert np.array_equal(told[name], results[name]), name
+        assert np.array_equal(reported[name], results[name]), name
 
 
 @pytest.mark.parametrize("master", ["jacobi", "gauss-seidel"])
@@ -115,10 +115,10 @@ def test_effects_sums_and_own_steps_are_those_of_run_to_the_bit(tmp_path, master
     overrides = [f"run.master={master}"]
     report = exported(tmp_path, config, overrides=overrides)
     results = reference(config, overrides)
-    told = in_fmpy(report, results)
+    reported = in_fmpy(report, results)
     assert np.ptp(results["contact.force"]) > 100.0
     for name in report.outputs:
-        assert np.array_equal(told[name], results[name]), name
+        assert np.array_equal(reported[name], results[name]), name
 
 
 def test_every_effect_is_known_inside():
@@ -162,11 +162,11 @@ def test_a_part_of_a_system_does_the_same_as_its_instances(tmp_path, version, ro
     report = exported(tmp_path, tmp_path / "part.yaml", "part.fmu", fmi_version=version, ports=ports)
     assert report.inputs == ("satellite.force",)
     assert report.outputs == tuple(ports)
-    told = run(tmp_path / "whole.yaml", halving=False, figures=False).results
+    reported = run(tmp_path / "whole.yaml", halving=False, figures=False).results
     results = reference("docking-1d-uncompensated", ["run.stop_time=1 s"])
     for name in ports:
-        assert np.array_equal(told[f"part.{name}"], results[name]), name
-    assert np.array_equal(told["contact.force"], results["contact.force"])
+        assert np.array_equal(reported[f"part.{name}"], results[name]), name
+    assert np.array_equal(reported["contact.force"], results["contact.force"])
     # The whole, with the part in it, becomes an FMU once more.
     again = exported(tmp_path, tmp_path / "whole.yaml", fmi_version=version)
     assert "part.satellite.position" in again.outputs
@@ -180,14 +180,14 @@ def test_parameters_have_the_config_s_values_and_units_and_can_be_changed(tmp_pa
     assert described["robot.tau_m"].unit == "s"
     assert float(described["contact.stiffness"].start) == 176e3
     changed = reference("docking-1d-uncompensated", ["run.stop_time=0.6 s", "robot.tau_m=6 ms"])
-    told = fmpy.simulate_fmu(
+    reported = fmpy.simulate_fmu(
         str(report.path),
         stop_time=0.6,
         step_size=1e-4,
         output_interval=1e-4,
         start_values={"robot.tau_m": 6e-3},
     )
-    assert np.array_equal(told["contact.force"], changed["contact.force"])
+    assert np.array_equal(reported["contact.force"], changed["contact.force"])
     assert not np.array_equal(
         changed["contact.force"],
         reference("docking-1d-uncompensated", ["run.stop_time=0.6 s"])["contact.force"],
@@ -197,8 +197,8 @@ def test_parameters_have_the_config_s_values_and_units_and_can_be_changed(tmp_pa
 def test_communication_steps_are_whole_multiples_of_its_own(tmp_path):
     report = exported(tmp_path, "docking-1d-uncompensated", overrides=["run.stop_time=0.5 s"])
     results = reference("docking-1d-uncompensated", ["run.stop_time=0.5 s"])
-    told = in_fmpy(report, results, every=5)
-    assert np.array_equal(told["contact.force"], results["contact.force"][::5])
+    reported = in_fmpy(report, results, every=5)
+    assert np.array_equal(reported["contact.force"], results["contact.force"][::5])
     with Instance(report.path) as slave:
         slave.start()
         with pytest.raises(Exception, match="DoStep"):
@@ -320,11 +320,11 @@ def test_an_algebraic_loop_at_initialisation_is_solved(tmp_path):
     assert report.platforms == (HERE,)
     assert report.notes[0] == ("not for x86_64-windows, for which these have no binary: Amplifier.fmu")
     results = reference(tmp_path / "loop.yaml")
-    told = in_fmpy(report, results)
+    reported = in_fmpy(report, results)
     # a = 3 - 0.5 b, b = 1 + 0.9 a.
     assert results["a.y"][0] == pytest.approx(2.5 / 1.45, rel=1e-12)
     for name in ("a.y", "b.y"):
-        assert np.allclose(told[name], results[name], rtol=1e-12, atol=0.0)
+        assert np.allclose(reported[name], results[name], rtol=1e-12, atol=0.0)
 
 
 FOREIGN = """
@@ -347,14 +347,14 @@ def test_foreign_fmus_with_arrays_and_all_types(tmp_path, c_fmu):
     (tmp_path / "foreign.yaml").write_text(FOREIGN)
     report = exported(tmp_path, tmp_path / "foreign.yaml", fmi_version="3.0")
     results = reference(tmp_path / "foreign.yaml")
-    told = in_fmpy(report, results)
+    reported = in_fmpy(report, results)
     assert "other.count_out" not in report.outputs
     assert "output other.count_out (UInt32) is left out: too large for Integer" in report.notes
     assert {"one.y[1]", "two.y[2]", "other.level_out", "other.flag_out", "other.byte_out"} <= set(
         report.outputs
     )
     for name in report.outputs:
-        assert np.array_equal(told[name], results[name]), name
+        assert np.array_equal(reported[name], results[name]), name
     y = 4 * 2 + 5 * 3 + 0.5 * 4
     assert results["one.y[2]"][-1] == y
     assert results["two.y[2]"][-1] == 4 * y + 5 * 3 + 6 * 4

@@ -120,19 +120,19 @@ def test_relative_paths_hold_for_instances_made_after_such_an_fmu(quirky, tmp_pa
     assert results["two.y"].tolist() == results["one.y"].tolist()
 
 
-def test_threads_are_told_no_folder_that_another_one_loads_an_fmu_from(tmp_path, monkeypatch):
+def test_threads_are_reported_no_folder_that_another_one_loads_an_fmu_from(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    told: list[str | None] = []
-    asking = threading.Thread(target=lambda: told.append(working_directory()))
+    reported: list[str | None] = []
+    asking = threading.Thread(target=lambda: reported.append(working_directory()))
     inside = tmp_path / "an FMU"
     inside.mkdir()
     with returning():
         os.chdir(inside)  # as fmpy does while it loads
         asking.start()
         asking.join(0.2)
-        assert told == []
+        assert reported == []
     asking.join()
-    assert told == [str(tmp_path)] == [os.getcwd()]
+    assert reported == [str(tmp_path)] == [os.getcwd()]
 
 
 def test_threads_that_need_an_fmu_at_once_unpack_it_once(quirky, tmp_path, monkeypatch):
@@ -210,7 +210,7 @@ def test_an_error_at_the_end_changes_no_result_and_is_reported(quirky):
     assert seen(quirky("fails at the end"))[1] == {"one": ["[error] fmi2Terminate returned error"]}
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals are told by name on POSIX only")
+@pytest.mark.skipif(os.name != "posix", reason="signals are reported by name on POSIX only")
 def test_a_crash_at_the_end_changes_no_result_if_it_is_isolated(quirky):
     log = seen(quirky("dies at the end"), isolate="process")[1]
     assert log["one"][-1] == "[crashed] its process died in terminate: SIGABRT (Aborted)"
@@ -237,7 +237,7 @@ def test_model_descriptions_in_any_encoding(name, quirky):
     assert made.results["one.y"] == pytest.approx(2.0 * made.results.time)
 
 
-def test_variables_without_start_values_are_told_and_run(quirky):
+def test_variables_without_start_values_are_reported_and_run(quirky):
     path = quirky()
     assert load_fmu(path).description.variables["u"].start is None
     notes = prepare(config(path)).system.notes

@@ -163,7 +163,7 @@ def too_many(ball, monkeypatch, most, **start):
     return re.sub(r"only [\d.e-]+ s", "only X s", re.sub(r"[1-9]\d* were", "N were", str(caught.value)))
 
 
-def test_too_many_integration_steps_are_told_with_a_remedy(ball, monkeypatch):
+def test_too_many_integration_steps_are_reported_with_a_remedy(ball, monkeypatch):
     assert too_many(ball, monkeypatch, 4, h=5.0) == (
         "one at time 0 s: the step of 100 s came only X s far in 4 integration steps and events, the most "
         "allowed; 0 were events\n"
@@ -172,7 +172,7 @@ def test_too_many_integration_steps_are_told_with_a_remedy(ball, monkeypatch):
     )
 
 
-def test_too_many_events_are_told_with_a_remedy(ball, monkeypatch):
+def test_too_many_events_are_reported_with_a_remedy(ball, monkeypatch):
     assert too_many(ball, monkeypatch, 400) == (
         "one at time 0 s: the step of 100 s came only X s far in 400 integration steps and events, the most "
         "allowed; N were events\n"
@@ -290,9 +290,11 @@ def test_fmi1_negated_alias_of_a_boolean_is_its_opposite(slave, tmp_path):
         assert row["rises"] == rises and row["falls"] == (not rises)
         assert instance.get_values(["rises", "falls"]) == {"rises": rises, "falls": not rises}
     instance.free()
-    told = load_fmu(path).description.variables["falls"]
+    reported = load_fmu(path).description.variables["falls"]
     memory = np.array([1.0, 0.0])
-    block = Block("Boolean", c_uint8, "fmi1SetBoolean", [(0, told), (1, replace(told, reference=9))], memory)
+    block = Block(
+        "Boolean", c_uint8, "fmi1SetBoolean", [(0, reported), (1, replace(reported, reference=9))], memory
+    )
     block.send()
     assert list(block.values) == [0, 1]
 
@@ -399,7 +401,7 @@ def test_a_tolerance_reaches_a_co_simulation_fmu(tolerance, tmp_path):
     instance.free()
 
 
-def test_co_simulation_of_fmi_1_cannot_be_told_a_tolerance(slave):
+def test_co_simulation_of_fmi_1_cannot_be_reported_a_tolerance(slave):
     with pytest.raises(FmuError) as caught:
         load_fmu(slave, RunOptions(tolerance=1e-6))
     assert str(caught.value) == (

@@ -26,7 +26,7 @@ from orchestrator.simulation.run import prepare, run
 
 ISOLATED = RunOptions(isolated=True)
 CRASH, HANG, LEAVE = 1, 2, 4
-posix = pytest.mark.skipif(os.name != "posix", reason="signals are told by name on POSIX only")
+posix = pytest.mark.skipif(os.name != "posix", reason="signals are reported by name on POSIX only")
 
 
 @pytest.fixture
@@ -186,7 +186,7 @@ def test_states_are_saved_in_the_process(serialised, c_fmu):
 
 
 def test_an_error_of_the_fmu_is_the_same_as_without_isolation(c_fmu):
-    told = []
+    reported = []
     for run_options in (RunOptions(), ISOLATED):
         instance = load_fmu(c_fmu, run_options).instantiate("one")
         instance.bind(["real_in"], np.array([1.0]), ["real_out"], np.zeros(1))
@@ -196,13 +196,13 @@ def test_an_error_of_the_fmu_is_the_same_as_without_isolation(c_fmu):
         with pytest.raises(StepError) as caught:
             for n in range(3):
                 instance.do_step(Point(n, 0.125 * n, 0.125))
-        told.append((str(caught.value), caught.value.time, caught.value.status, caught.value.log))
+        reported.append((str(caught.value), caught.value.time, caught.value.status, caught.value.log))
         assert instance.do_step(Point(9, 9.0, 0.5)) is StepStatus.DISCARD
         assert instance.last_successful_time() == 9.0
         assert instance.log_lines()[-1] == "[discard] the step is too long"
         instance.free()
-    assert told[0] == told[1]
-    assert told[0][0].splitlines()[0] == "one at time 0.125 s: fmi3DoStep returned error"
+    assert reported[0] == reported[1]
+    assert reported[0][0].splitlines()[0] == "one at time 0.125 s: fmi3DoStep returned error"
 
 
 def test_an_fmu_that_cannot_be_made_is_reported_as_without_isolation(c_fmu, tmp_path):
@@ -210,13 +210,13 @@ def test_an_fmu_that_cannot_be_made_is_reported_as_without_isolation(c_fmu, tmp_
         return name, data.replace(b"{types-3}", b"{other-3}") if name.endswith(".xml") else data
 
     path = repack(c_fmu, tmp_path / "X.fmu", other_token)
-    told = []
+    reported = []
     for run_options in (RunOptions(), ISOLATED):
         with pytest.raises(FmuError) as caught:
             load_fmu(path, run_options).instantiate("one")
-        told.append(str(caught.value))
-    assert told[0] == told[1]
-    assert "wrong instantiation token" in told[0]
+        reported.append(str(caught.value))
+    assert reported[0] == reported[1]
+    assert "wrong instantiation token" in reported[0]
 
 
 def test_files_in_the_working_directory_are_no_modules(wild, tmp_path, monkeypatch):

@@ -41,12 +41,13 @@ def test_whole_numbers_that_a_type_cannot_hold_are_refused(c_fmu):
     """Ctypes would take them modulo its size: 300 as 44."""
     instance, index, u, *_ = started(c_fmu, word_in="hello", limit=100.0)
     remedy = "\n  Give it a value within, or scale what feeds it."
-    for value, told in ((-1.0, "-1"), (2.0**32, "4294967296")):
+    for value, reported in ((-1.0, "-1"), (2.0**32, "4294967296")):
         u[index["count_in"]] = value
         with pytest.raises(StepError) as caught:
             instance.write_inputs()
         assert str(caught.value) == (
-            f"one: count_in (UInt32) cannot hold {told}; it holds whole numbers from 0 to 4294967295{remedy}"
+            f"one: count_in (UInt32) cannot hold {reported}; it holds whole numbers from 0 to "
+            f"4294967295{remedy}"
         )
         assert caught.value.status == "out of range"
     u[index["count_in"]] = np.nan
@@ -384,8 +385,8 @@ def test_a_python_fmu_without_its_module(python_fmu):
         "    print(error, flush=True)\n"
         "os._exit(0)\n"
     )
-    told = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True)
-    message = told.stdout.replace(str(path), "X.fmu")
+    reported = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True)
+    message = reported.stdout.replace(str(path), "X.fmu")
     assert message.splitlines()[0] == "X.fmu: instance one could not be made"
     assert "No module named 'a_module_that_nobody_has'" in message
 
@@ -434,6 +435,6 @@ def test_a_logger_that_fmpy_was_given_does_not_get_our_messages(python_fmu):
         "print(len(theirs))\n"
     )
     path = str(python_fmu("misbehaving"))
-    told = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True)
-    assert "[error] the tank is empty" in told.stdout, told
-    assert told.stdout.splitlines()[-1] == "0"
+    reported = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True)
+    assert "[error] the tank is empty" in reported.stdout, reported
+    assert reported.stdout.splitlines()[-1] == "0"

@@ -66,11 +66,11 @@ def _initialised(one):
 @FORMS
 @pytest.mark.parametrize("what", ILLEGAL)
 def test_what_is_illegal_is_refused_with_the_reason(what, form, instantiate):
-    call, told = ILLEGAL[what]
+    call, reported = ILLEGAL[what]
     instance = instantiate("SatelliteDynamics", form)
     with pytest.raises(FMICallException):
         call(instance.fmu)
-    assert any(told in message for _, message in instance.log), instance.log
+    assert any(reported in message for _, message in instance.log), instance.log
 
 
 @FORMS

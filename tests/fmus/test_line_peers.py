@@ -141,7 +141,7 @@ def test_passivity_control_bounds_the_energy_of_any_rig(bench):
 def test_passivity_control_distorts_the_force():
     """Which the others, where they work, do not: the energy is right and the force is not."""
     cases = {"PassivityControl": {}, "OsakiCompensation": {"delay": LAG}, "SmithPredictor": {}}
-    errors = {name: force_error(run(name, parameters=told)[2]) for name, told in cases.items()}
+    errors = {name: force_error(run(name, parameters=reported)[2]) for name, reported in cases.items()}
     assert errors["SmithPredictor"] < 0.01 and errors["OsakiCompensation"] < 0.05
     assert errors["PassivityControl"] > 0.25
     assert force_error(run("PassivityControl", **SLOW)[2]) > 0.35

@@ -104,16 +104,16 @@ def test_linear_systems_draw_their_loops():
 
 def test_the_command_reports_and_draws(tmp_path, capsys):
     assert main(["stability", "emps", "--out", str(tmp_path), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["files"] == [
+    reported = json.loads(capsys.readouterr().out)
+    assert reported["files"] == [
         "stability.json",
         "stability.html",
         *(f"{name}.png" for name in ("roots", "participation", "bode", "nyquist", "nichols", "step")),
     ]
-    assert all((tmp_path / name).stat().st_size > 1000 for name in told["files"])
+    assert all((tmp_path / name).stat().st_size > 1000 for name in reported["files"])
     page = (tmp_path / "stability.html").read_text(encoding="utf-8")
     assert page.count("data:image/png") == 6 and "5.26689" in page and "http:" not in page
-    margins = told["margins"]["controller.voltage -> drive.voltage"]
+    margins = reported["margins"]["controller.voltage -> drive.voltage"]
     assert margins["delay_margin"] == pytest.approx(5.267e-3, rel=1e-3)
     assert main(["stability", "emps", "--open", "drive.voltage"]) == 0
     text = capsys.readouterr().out

@@ -195,7 +195,7 @@ def test_multiple_roots_count_as_a_whole(sizes):
     assert system.modes(sum(sizes) + 2).unstable == 0
 
 
-def test_roots_that_are_near_one_another_are_told_apart():
+def test_roots_that_are_near_one_another_are_distinguished():
     poles = np.array([-1e-3, -2e-3, -3e-3, -100.0])
     system = DelaySystem(
         np.diag(poles), *(np.zeros(one) for one in ((4, 0), (0, 4), (0, 0))), tuple("abcd"), (), (), ()

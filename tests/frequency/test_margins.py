@@ -22,36 +22,36 @@ def margins(above, below, delay: float = 0.0) -> Margins:
 
 def test_rational_loop_as_python_control():
     system = control.tf([8.0], np.poly([-1.0, -2.0, -3.0]))
-    told = DelaySystem.loop(system).margins("loop")
+    reported = DelaySystem.loop(system).margins("loop")
     gain, phase, modulus, at_phase, at_gain, at_modulus = control.stability_margins(system)
-    assert told.stable
-    assert told.gain_margin == (0.0, pytest.approx(gain, rel=1e-9))
-    assert told.phase_crossovers[0][0] == pytest.approx(at_phase, rel=1e-9)
-    assert told.phase_margin == pytest.approx(phase, rel=1e-9)
-    assert told.crossovers[0].omega == pytest.approx(at_gain, rel=1e-9)
-    assert told.modulus_margin == pytest.approx(modulus, rel=1e-6)
-    assert told.modulus_margin_at == pytest.approx(at_modulus, rel=1e-3)
-    assert told.sensitivity_peak == pytest.approx(1 / modulus, rel=1e-6)
+    assert reported.stable
+    assert reported.gain_margin == (0.0, pytest.approx(gain, rel=1e-9))
+    assert reported.phase_crossovers[0][0] == pytest.approx(at_phase, rel=1e-9)
+    assert reported.phase_margin == pytest.approx(phase, rel=1e-9)
+    assert reported.crossovers[0].omega == pytest.approx(at_gain, rel=1e-9)
+    assert reported.modulus_margin == pytest.approx(modulus, rel=1e-6)
+    assert reported.modulus_margin_at == pytest.approx(at_modulus, rel=1e-3)
+    assert reported.sensitivity_peak == pytest.approx(1 / modulus, rel=1e-6)
 
 
 def test_integrator_with_delay():
     """L = g exp(-tau s)/s: crossover at g, unstable from tau = pi/(2 g), gain margin pi/(2 g tau)."""
     gain, tau = 3.0, 0.1
-    told = margins([gain], [1.0, 0.0], tau)
-    assert told.phase_margin == pytest.approx(90 - np.degrees(gain * tau), rel=1e-10)
-    assert told.delay_margin == pytest.approx(np.pi / 2 / gain - tau, rel=1e-10)
-    assert told.gain_margin[1] == pytest.approx(np.pi / 2 / gain / tau, rel=1e-10)
+    reported = margins([gain], [1.0, 0.0], tau)
+    assert reported.phase_margin == pytest.approx(90 - np.degrees(gain * tau), rel=1e-10)
+    assert reported.delay_margin == pytest.approx(np.pi / 2 / gain - tau, rel=1e-10)
+    assert reported.gain_margin[1] == pytest.approx(np.pi / 2 / gain / tau, rel=1e-10)
     assert not margins([gain], [1.0, 0.0], 0.53).stable
     assert np.isnan(margins([gain], [1.0, 0.0], 0.53).delay_margin)
 
 
 def test_every_crossover_is_considered():
     """A lightly damped mode behind an integrator crosses three times."""
-    told = margins([100.0], np.polymul([1.0, 0.0], [1.0, 0.05, 100.0]))
-    assert [one.falling for one in told.crossovers] == [True, False, True]
-    told = margins([3.0, 0.0], [1.0, 0.04, 100.0])
-    assert told.stable and [one.falling for one in told.crossovers] == [False, True]
-    assert told.delay_margin == min(one.delay_margin for one in told.crossovers)
+    reported = margins([100.0], np.polymul([1.0, 0.0], [1.0, 0.05, 100.0]))
+    assert [one.falling for one in reported.crossovers] == [True, False, True]
+    reported = margins([3.0, 0.0], [1.0, 0.04, 100.0])
+    assert reported.stable and [one.falling for one in reported.crossovers] == [False, True]
+    assert reported.delay_margin == min(one.delay_margin for one in reported.crossovers)
 
 
 def test_delay_margin_is_where_the_count_changes():
@@ -145,8 +145,10 @@ def test_active_loop_bears_any_robot_delay_where_estimates_are_right():
 def test_a_system_of_scipy_is_taken_in():
     from scipy import signal
 
-    told = DelaySystem.loop(signal.TransferFunction([8.0], np.poly([-1.0, -2.0, -3.0]))).margins("loop")
-    assert told.gain_margin[1] == pytest.approx(margins([8.0], np.poly([-1.0, -2.0, -3.0])).gain_margin[1])
+    reported = DelaySystem.loop(signal.TransferFunction([8.0], np.poly([-1.0, -2.0, -3.0]))).margins("loop")
+    assert reported.gain_margin[1] == pytest.approx(
+        margins([8.0], np.poly([-1.0, -2.0, -3.0])).gain_margin[1]
+    )
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.13])

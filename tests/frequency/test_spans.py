@@ -17,9 +17,9 @@ def margins(system, delay: float = 0.0) -> Margins:
 def test_a_slow_crossover_behind_a_fast_pole(gain):
     """L = g/(s (1 + T s)) crosses at g; a delay of a right angle there is what it bears."""
     loop = control.tf([gain], [1e-6, 1.0, 0.0])
-    told = margins(loop)
-    assert [one.omega for one in told.crossovers] == [pytest.approx(gain, rel=1e-9)]
-    assert told.delay_margin == pytest.approx(np.pi / 2 / gain, rel=1e-5)
+    reported = margins(loop)
+    assert [one.omega for one in reported.crossovers] == [pytest.approx(gain, rel=1e-9)]
+    assert reported.delay_margin == pytest.approx(np.pi / 2 / gain, rel=1e-5)
 
 
 def test_a_soft_contact_behind_a_fast_sensor():
@@ -37,9 +37,9 @@ def test_gain_margin_of_a_double_integrator_at_low_frequency():
     """K (s + 1)^2/s^3 is stable from k = 1/2 on, however slow the rest of it."""
     slow = 1e-5
     loop = control.tf([1.0, 2 * slow, slow**2], [1.0 / slow, 0.0, 0.0, 0.0])
-    told = margins(loop * control.tf([1.0], [1e-6, 1.0]))
-    assert told.stable
-    assert told.gain_margin[0] == pytest.approx(0.5, rel=1e-6)
+    reported = margins(loop * control.tf([1.0], [1e-6, 1.0]))
+    assert reported.stable
+    assert reported.gain_margin[0] == pytest.approx(0.5, rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -66,11 +66,11 @@ def test_a_resonance_narrower_than_the_grid(damping, place):
     ratio, size, lag = 10 ** (1 / 1500), 4e-5, 0.01
     w = 3.0 * ratio**place
     loop = control.tf([size * w * w], [1.0, 2 * damping * w, w * w])
-    told = margins(loop * control.tf([1.0], [lag, 1.0]), 0.5)
+    reported = margins(loop * control.tf([1.0], [lag, 1.0]), 0.5)
     half = np.sqrt(size**2 / (1 + (lag * w) ** 2) - (2 * damping) ** 2)
     expected = [w * np.sqrt(1 - half), w * np.sqrt(1 + half)]
-    assert [one.omega for one in told.crossovers] == pytest.approx(expected, rel=1e-7)
-    assert [one.falling for one in told.crossovers] == [False, True]
+    assert [one.omega for one in reported.crossovers] == pytest.approx(expected, rel=1e-7)
+    assert [one.falling for one in reported.crossovers] == [False, True]
 
 
 @pytest.mark.parametrize("place", np.linspace(0.0, 0.5, 6))

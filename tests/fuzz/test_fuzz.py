@@ -217,11 +217,11 @@ class Worker:
         process.stdin.write(json.dumps(order) + "\n")
         process.stdin.flush()
         line = process.stdout.readline()
-        told = output.read_text(errors="replace") if output.exists() else ""
+        reported = output.read_text(errors="replace") if output.exists() else ""
         if not line:
             self._process = None
-            return {"status": f"ended by {process.wait()}", "output": told}
-        return {**json.loads(line), "output": told}
+            return {"status": f"ended by {process.wait()}", "output": reported}
+        return {**json.loads(line), "output": reported}
 
     def close(self) -> None:
         if self._process is not None:

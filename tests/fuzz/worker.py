@@ -92,13 +92,13 @@ def main() -> None:
         sys.stdout.flush()
         sys.stderr.flush()
         after, end_ = resource.getrusage(resource.RUSAGE_SELF), os.times()
-        told = {
+        reported = {
             "status": status,
             "seconds": sum(end_[:4]) - sum(begin[:4]),
             "memory": 1024 * (after.ru_maxrss - before.ru_maxrss),
             "written": written[:5],
         }
-        answers.write(json.dumps(told) + "\n")
+        answers.write(json.dumps(reported) + "\n")
         answers.flush()
 
 

@@ -172,7 +172,7 @@ def test_only_the_signals_that_have_a_tolerance_count():
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "reported"),
     [
         (
             {"tolerance": {"mass.spead": "1 m/s"}},
@@ -195,13 +195,13 @@ def test_only_the_signals_that_have_a_tolerance_count():
         ({"tolerance": "1 N", "estimate": "power"}, "estimate power: N [kg.m.s-2] cannot be converted to J"),
     ],
 )
-def test_wrong_tolerances_are_told_before_the_run(options, told):
+def test_wrong_tolerances_are_reported_before_the_run(options, reported):
     (problem,) = Adaptive(**options).check(oscillator())
-    assert told in str(problem) and problem.place == "system: run.master.tolerance"
+    assert reported in str(problem) and problem.place == "system: run.master.tolerance"
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "reported"),
     [
         ({"base": "adaptive"}, "'adaptive' takes no single steps; bases: gauss-seidel, jacobi, iterative"),
         ({"base": {"name": "jacobi", "extrapolation": 7}}, "input should be 0, 1 or 2"),
@@ -209,8 +209,8 @@ def test_wrong_tolerances_are_told_before_the_run(options, told):
         ({"tolerance": 0}, "input should be greater than 0"),
     ],
 )
-def test_wrong_options_are_told_when_the_master_is_made(options, told):
-    with pytest.raises(ConfigError, match=told):
+def test_wrong_options_are_reported_when_the_master_is_made(options, reported):
+    with pytest.raises(ConfigError, match=reported):
         create_master({"name": "adaptive", "tolerance": 1e-3, **options})
 
 

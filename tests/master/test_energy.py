@@ -284,15 +284,15 @@ def test_summary_file_and_terminal_tell(tmp_path, capsys):
         in printed
     )
     summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
-    told = summary["coupling"]["contact-satellite"]
-    assert told["relative"] == told["created"] / told["exchanged"]
-    assert told["between"] == pytest.approx(told["taken"] - told["given"] - told["created"])
+    reported = summary["coupling"]["contact-satellite"]
+    assert reported["relative"] == reported["created"] / reported["exchanged"]
+    assert reported["between"] == pytest.approx(reported["taken"] - reported["given"] - reported["created"])
     change = summary["numerics"]["coupling"]["contact-satellite"]["created"]
-    assert (told["created"] + change) / told["created"] == pytest.approx(0.5, abs=0.03)
+    assert (reported["created"] + change) / reported["created"] == pytest.approx(0.5, abs=0.03)
     with (tmp_path / "coupling.csv").open(encoding="utf-8") as file:
         rows = list(csv.reader(file))
     assert rows[0] == ["time [s]", *(f"contact-satellite.{one} [J]" for one in ("taken", "given", "created"))]
-    assert float(rows[-1][3]) == told["created"] and len(rows) == 502
+    assert float(rows[-1][3]) == reported["created"] and len(rows) == 502
     assert (tmp_path / "coupling.png").stat().st_size > 10_000
 
 
@@ -314,8 +314,8 @@ def test_a_system_without_bonds_has_no_ledger():
 
 def test_how_a_run_is_cut_into_blocks_changes_no_digit(monkeypatch):
     """Native chunks end by the clock, so that equal runs are cut differently."""
-    told = []
+    reported = []
     for numbers in (1 << 16, 1 << 10):
         monkeypatch.setattr(native_loop, "_NUMBERS", numbers)
-        told.append(run("docking-1d", overrides=["run.stop_time=0.4 s"]).summary["coupling"])
-    assert told[0] == told[1] and any(one["exchanged"] > 0.0 for one in told[0].values())
+        reported.append(run("docking-1d", overrides=["run.stop_time=0.4 s"]).summary["coupling"])
+    assert reported[0] == reported[1] and any(one["exchanged"] > 0.0 for one in reported[0].values())

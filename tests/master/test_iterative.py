@@ -217,9 +217,9 @@ def test_an_assumed_loop_that_has_no_start_is_reported_and_runs():
     )
     report = Report()
     simulate(system, create_master("jacobi"), Grid(Fraction(0), Fraction(1, 2), 2), report=report)
-    (told,) = report.log.values()
-    assert told[0].startswith("[not converged] algebraic loop at initialisation: no convergence after 1 ")
-    assert told[0].endswith("; it begins with start values")
+    (reported,) = report.log.values()
+    assert reported[0].startswith("[not converged] algebraic loop at initialisation: no convergence after 1 ")
+    assert reported[0].endswith("; it begins with start values")
     # What no master can iterate is passed on as it is.
     system = assemble([Part("a", switch(True)), Part("b", switch(False))], loop)
     simulate(system, create_master("jacobi"), Grid(Fraction(0), Fraction(1, 2), 2), report=report)
@@ -333,7 +333,7 @@ def test_of_several_cycles_the_most_iterations_and_the_largest_residual_are_repo
     from orchestrator.fmi import Point
     from orchestrator.master.running_instances import instantiate
 
-    def told(*which):
+    def reported(*which):
         parts, links = [], []
         for one in which:
             parts += [Part(f"{one}-mass", mass(), {"position": "1 m"}), Part(one, spring(STIFFNESS[one]))]
@@ -344,9 +344,9 @@ def test_of_several_cycles_the_most_iterations_and_the_largest_residual_are_repo
             master = Iterative(tolerance=1e-3, method="fixed-point")
             return master.step(system, instances, Point(0, 0.0, 0.1), signals)[1]
 
-    soft, stiff = told("soft"), told("stiff")
+    soft, stiff = reported("soft"), reported("stiff")
     assert soft.iterations < stiff.iterations and soft.residual > stiff.residual
-    both = told(*names)
+    both = reported(*names)
     assert (both.iterations, both.residual) == (stiff.iterations, soft.residual)
 
 

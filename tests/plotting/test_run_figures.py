@@ -88,8 +88,8 @@ def counted(file, seconds, monkeypatch) -> str:
 
 
 def test_tasks_are_counted_on_terminals_alone(monkeypatch):
-    told = counted(Terminal(), 0.0, monkeypatch)
-    assert "delays" in told and "80/80" in told and "run/s" in told and "3 failed" in told
+    reported = counted(Terminal(), 0.0, monkeypatch)
+    assert "delays" in reported and "80/80" in reported and "run/s" in reported and "3 failed" in reported
     assert counted(Terminal(), 3600.0, monkeypatch) == ""
     assert counted(io.StringIO(), 0.0, monkeypatch) == ""
 

@@ -35,16 +35,16 @@ def opened(browser, path: Path, **options):
     """A page from disk, without a network. It may neither complain nor ask for anything but itself."""
     context = browser.new_context(offline=True, viewport={"width": 1200, "height": 800}, **options)
     context.set_default_timeout(40_000)
-    told: list[str] = []
+    reported: list[str] = []
     asked: list[str] = []
     page = context.new_page()
-    page.on("console", lambda one: told.append(f"{one.type}: {one.text}"))
-    page.on("pageerror", lambda one: told.append(f"error: {one}"))
+    page.on("console", lambda one: reported.append(f"{one.type}: {one.text}"))
+    page.on("pageerror", lambda one: reported.append(f"error: {one}"))
     page.on("request", lambda one: asked.append(one.url))
     page.goto(path.resolve().as_uri())
     try:
         yield page
     finally:
         context.close()
-    assert told == []
+    assert reported == []
     assert asked == [path.resolve().as_uri()]

@@ -97,7 +97,7 @@ def test_a_failed_run_is_reported_with_its_error(line_run, tmp_path):
 
 
 @pytest.mark.parametrize(("kind", "state"), [("Interrupted", "Interrupted"), ("StepError", "Failed")])
-def test_numbers_of_a_run_that_did_not_end_are_told_as_not_computed(line_run, tmp_path, kind, state):
+def test_numbers_of_a_run_that_did_not_end_are_reported_as_not_computed(line_run, tmp_path, kind, state):
     folder = tmp_path / "stopped"
     shutil.copytree(line_run, folder)
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
@@ -125,19 +125,19 @@ def row(text: str, key: str) -> list[float]:
 def test_a_paced_run_tells_how_well_it_kept_to_the_clock(paced_run, line_run):
     text = report([paced_run])
     summary = json.loads((paced_run / "summary.json").read_text(encoding="utf-8"))
-    told = summary["run"]["realtime"]
-    assert row(text, "realtime.steps") == [told["steps"]] == [1000]
-    assert row(text, "realtime.missed") == [told["missed"]]
+    reported = summary["run"]["realtime"]
+    assert row(text, "realtime.steps") == [reported["steps"]] == [1000]
+    assert row(text, "realtime.missed") == [reported["missed"]]
     assert row(text, "realtime.time_per_step") == [0.05]
-    assert row(text, "realtime.worst_miss") == pytest.approx([1e3 * told["worst_miss"]], rel=1e-3)
+    assert row(text, "realtime.worst_miss") == pytest.approx([1e3 * reported["worst_miss"]], rel=1e-3)
     for key, name in (("latency", "from deadline to begin of step"), ("busy", "from begin to end of step")):
-        expected = [1e3 * told[key][one] for one in ("median", "p99", "p999", "max")]
+        expected = [1e3 * reported[key][one] for one in ("median", "p99", "p999", "max")]
         assert row(text, f"realtime.{name}") == pytest.approx(expected, rel=1e-3)
         counts = re.search(rf"{name}, above \[ms\].*?</table>", text, re.S)[0]
         steps = re.findall(r'data-value="(\d+)"', counts)
-        assert sum(map(int, steps)) == sum(told[key]["histogram"]["counts"]) == 1000
+        assert sum(map(int, steps)) == sum(reported[key]["histogram"]["counts"]) == 1000
     drawn = re.search(r'<figure id="figure-realtime">(.*?)</figure>', text, re.S)[1]
-    assert f"{told['missed']} of 1000 deadlines missed" in words(drawn)
+    assert f"{reported['missed']} of 1000 deadlines missed" in words(drawn)
     assert "Real time" not in words(report([line_run]))
 
 
@@ -239,8 +239,8 @@ def test_a_folder_of_runs_is_compared_and_bad_ones_are_refused(line_run, tmp_pat
     assert f"Written: {page}" in capsys.readouterr().out
     (tmp_path / "empty").mkdir()
     assert main(["report", str(tmp_path / "empty"), str(tmp_path / "none")]) == 2
-    told = capsys.readouterr().err
-    assert "empty: holds no run" in told and "none: is no folder" in told
+    reported = capsys.readouterr().err
+    assert "empty: holds no run" in reported and "none: is no folder" in reported
     with pytest.raises(ConfigError, match="several runs are called"):
         report([tmp_path / "runs" / "a", tmp_path / "runs"])
     assert main(["report", str(line_run), "--size", "0"]) == 2
@@ -255,15 +255,15 @@ def test_what_a_page_leaves_out_of_a_folder_is_reported(line_run, tmp_path, caps
     (folder / "report.html").write_text("the diagnosis' page", encoding="utf-8")
     (folder / "reproduction.json").write_text("{}", encoding="utf-8")
     assert main(["report", str(folder)]) == 0
-    told = capsys.readouterr().out.splitlines()
-    assert told[0].startswith(f"Written: {folder / 'runs.html'}")
+    reported = capsys.readouterr().out.splitlines()
+    assert reported[0].startswith(f"Written: {folder / 'runs.html'}")
     expected = [
         f"{folder} also holds a diagnosis: see {folder / 'report.html'}",
         f"{folder} also holds a reproduction: see {folder / 'reproduction.html'}",
         f"{folder} also holds runs in folders (a, b): "
         f"see `orchestrator report {folder / 'a'} {folder / 'b'}`",
     ]
-    assert told[1:] == [f"left out: {one}" for one in expected]
+    assert reported[1:] == [f"left out: {one}" for one in expected]
     text = words((folder / "runs.html").read_text(encoding="utf-8"))
     assert "Done: 2 s in 4000 steps" in text and all(one in text for one in expected)
     assert (folder / "report.html").read_text(encoding="utf-8") == "the diagnosis' page"
@@ -328,5 +328,7 @@ def test_the_page_of_a_store_has_the_stores_numbers(tmp_path):
     text = report([tmp_path / "store"])
     assert headline(text) == "2 points: 2 done, 0 failed."
     for row in rows:
-        told = re.search(rf'<tr data-key="point.{row["point"]}.0">(.*?)</tr>', text, re.S)[1]
-        assert f'data-value="{row["peak"]!r}"' in told and f'data-value="{row["robot.tau_m"]!r}"' in told
+        reported = re.search(rf'<tr data-key="point.{row["point"]}.0">(.*?)</tr>', text, re.S)[1]
+        assert (
+            f'data-value="{row["peak"]!r}"' in reported and f'data-value="{row["robot.tau_m"]!r}"' in reported
+        )

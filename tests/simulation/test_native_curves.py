@@ -60,7 +60,7 @@ whole_or_in_parts = pytest.mark.parametrize("ratio", [Fraction(1), Fraction(1, 3
 
 @whole_or_in_parts
 @pytest.mark.parametrize("master", CURVED)
-def test_fmus_that_follow_their_inputs_are_told_the_same_derivatives(master, ratio):
+def test_fmus_that_follow_their_inputs_are_reported_the_same_derivatives(master, ratio):
     kept = both(followed_in_other_units(ratio), master, 2100)
     assert kept.error is None and len(np.unique(kept.results["robot.position"])) > 2000
 
@@ -68,7 +68,7 @@ def test_fmus_that_follow_their_inputs_are_told_the_same_derivatives(master, rat
 @whole_or_in_parts
 @pytest.mark.parametrize("name", ["fmi2SetReal", "fmi2SetRealInputDerivatives"])
 @pytest.mark.parametrize("master", CURVED)
-def test_inputs_and_derivatives_that_are_refused_are_told_the_same(master, name, ratio, monkeypatch):
+def test_inputs_and_derivatives_that_are_refused_are_reported_the_same(master, name, ratio, monkeypatch):
     """In parts of a step, the 1500th call is in a later one."""
     calls = []
 

@@ -54,10 +54,10 @@ def paced(clock: Clock, busy: list[float], **options) -> tuple[Pace, list[float]
 def test_steps_begin_at_their_deadlines(clock):
     pace, begun = paced(clock, [2e-4] * 10)
     assert begun == pytest.approx(1e-3 * np.arange(11), abs=5e-6)
-    told = pace.summary()
-    assert (told["steps"], told["missed"]) == (10, 0)
-    assert told["busy"]["median"] == pytest.approx(2e-4, rel=0.05)
-    assert told["latency"]["max"] < 5e-6
+    reported = pace.summary()
+    assert (reported["steps"], reported["missed"]) == (10, 0)
+    assert reported["busy"]["median"] == pytest.approx(2e-4, rel=0.05)
+    assert reported["latency"]["max"] < 5e-6
 
 
 def test_speed_scales_the_deadlines(clock):
@@ -69,10 +69,10 @@ def test_a_missed_deadline_is_caught_up_with(clock):
     pace, begun = paced(clock, [1e-4, 2.5e-3, 1e-4, 1e-4, 1e-4, 1e-4])
     assert begun[2] == pytest.approx(3.5e-3, abs=2e-5)
     assert begun[4:] == pytest.approx([4e-3, 5e-3, 6e-3], abs=5e-6)
-    told = pace.summary()
-    assert (told["missed"], told["longest_row_of_misses"]) == (2, 2)
-    assert told["worst_miss"] == pytest.approx(1.5e-3, abs=2e-5)
-    assert told["shifted"] == 0.0
+    reported = pace.summary()
+    assert (reported["missed"], reported["longest_row_of_misses"]) == (2, 2)
+    assert reported["worst_miss"] == pytest.approx(1.5e-3, abs=2e-5)
+    assert reported["shifted"] == 0.0
 
 
 def test_a_missed_deadline_moves_the_later_ones(clock):
@@ -123,11 +123,11 @@ def test_quantiles_of_the_histogram():
     histogram = Histogram()
     for value in range(1, 10_001):
         histogram.add(value * 1_000)
-    told = histogram.summary()
-    assert told["count"] == 10_000
-    assert told["median"] == pytest.approx(5e-3, rel=0.024)
-    assert told["p99"] == pytest.approx(9.9e-3, rel=0.024)
-    assert told["max"] == pytest.approx(1e-2)
+    reported = histogram.summary()
+    assert reported["count"] == 10_000
+    assert reported["median"] == pytest.approx(5e-3, rel=0.024)
+    assert reported["p99"] == pytest.approx(9.9e-3, rel=0.024)
+    assert reported["max"] == pytest.approx(1e-2)
     classes = histogram.classes()
     assert sum(classes["counts"]) == 10_000
     assert len(classes["edges"]) == len(classes["counts"]) + 1
@@ -145,8 +145,8 @@ def test_pacing_changes_no_result(loop, tmp_path):
     assert made.summary["run"]["loop"] == loop
     for name in plain.results.signals:
         assert np.array_equal(plain.results[name], made.results[name]), name
-    told = made.summary["run"]["realtime"]
-    assert told["steps"] == made.summary["run"]["steps"]
+    reported = made.summary["run"]["realtime"]
+    assert reported["steps"] == made.summary["run"]["steps"]
     # The clock is never ahead of the simulation: a run takes at least its time.
     assert made.summary["run"]["stepping_time"] >= 0.1 / 20
     assert "realtime.png" in made.files

@@ -243,7 +243,7 @@ def test_an_fmu_of_another_platform_is_refused_before_anything_is_simulated(conf
     ]
 
 
-def test_all_kinds_of_problems_are_told_together(config):
+def test_all_kinds_of_problems_are_reported_together(config):
     with pytest.raises(ConfigError) as caught:
         prepare(config, ["run.master=jacoby", "run.stop_time=5.005 s", "one.rat=1"])
     assert [problem.what for problem in caught.value.problems] == [
@@ -323,7 +323,7 @@ def test_a_run_tells_its_notes_once(config, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["notes"] == notes
     assert main(["run", str(looped), "--quiet"]) == 0
     assert capsys.readouterr().err == ""
-    # A run that fails is told of, too, and several are told apart.
+    # Notes of a run that fails are printed, too, each with the name of its config.
     assert main(["run", str(looped), str(config), "--set", "two.way=nan", "--set", "two.at=0.1"]) == 1
     assert capsys.readouterr().err.startswith(f"loop: note: {notes[0]}\norchestrator: two at time 0.11 s: ")
 
@@ -425,8 +425,8 @@ def test_figures_of_an_earlier_run_do_not_stand_beside_a_new_one(tmp_path):
 
 def test_results_of_a_folder_that_is_not_there(tmp_path, capsys):
     assert main(["export-results", str(tmp_path / "nope")]) == 2
-    told = f"orchestrator: {tmp_path / 'nope'}: no such folder\n  what `run --out` wrote to\n"
-    assert capsys.readouterr().err == told
+    reported = f"orchestrator: {tmp_path / 'nope'}: no such folder\n  what `run --out` wrote to\n"
+    assert capsys.readouterr().err == reported
 
 
 def test_energies_beyond_the_range_of_numbers_warn_of_nothing_before_the_error(tmp_path):
@@ -437,13 +437,13 @@ def test_energies_beyond_the_range_of_numbers_warn_of_nothing_before_the_error(t
             run("docking-1d-uncompensated", overrides=overrides, out=tmp_path / "out")
 
 
-def test_problems_of_all_systems_are_told_before_any_runs(tmp_path, capsys):
+def test_problems_of_all_systems_are_reported_before_any_runs(tmp_path, capsys):
     from orchestrator.cli.main import main
 
     out = tmp_path / "out"
     assert main(["run", "docking-1d", "docking-2d", "docking-3d", "--out", str(out)]) == 2
-    told = capsys.readouterr().err
-    assert "docking-2d" in told and "docking-3d" in told
+    reported = capsys.readouterr().err
+    assert "docking-2d" in reported and "docking-3d" in reported
     assert not out.exists()
 
 

@@ -72,7 +72,7 @@ def test_a_declared_loop_among_assumed_ones_is_the_one_that_is_reported():
 def test_an_algebraic_loop_tells_effects_and_delays_that_are_too_short():
     parts = [Part("a", gain()), Part("b", gain())]
 
-    def told(step_size, delay="1 ms"):
+    def reported(step_size, delay="1 ms"):
         through = [{"gain": 2}, {"delay": delay}]
         connections = ["a.y -> b.u", {"from": "b.y", "to": "a.u", "through": through}]
         with pytest.raises(ConfigError) as caught:
@@ -81,10 +81,10 @@ def test_an_algebraic_loop_tells_effects_and_delays_that_are_too_short():
 
     plain = "  b.y is connected to a.u through gain, delay"
     remedy = "  A delay that is no shorter than the step breaks the loop."
-    short = told(5e-3)
+    short = reported(5e-3)
     assert f"{plain} (shorter than the step of 0.005 s, hence passed at once)" in short
     assert short[-2] == remedy
-    for lines in (told(None), told(5e-3, "0 s")):
+    for lines in (reported(None), reported(5e-3, "0 s")):
         assert plain in lines and remedy not in lines
     # A delay of a step breaks the loop at communication points.
     assemble(

@@ -168,7 +168,7 @@ def test_unlike_enumerations_and_arrays():
     ]
 
 
-def test_all_problems_of_a_system_are_told_together():
+def test_all_problems_of_a_system_are_reported_together():
     message = refusal(
         [Part("robot", ROBOT, {"comand": "0 m"}), Part("satellite", SATELLITE, {"force": 1})],
         ["robot.force -> satellite.torque", "robot.x -> satellite.y"],

@@ -203,10 +203,10 @@ def test_the_latest_value_is_held_and_losses_are_counted(pair):
     link.of_step(6, 5.0)
     assert link.latest(10.0) == [6.0]
     assert link.latest(10.0) == [6.0]
-    told = link.statistics()
-    counts = {key: told[key] for key in ("received", "lost", "reordered", "duplicates", "foreign")}
+    reported = link.statistics()
+    counts = {key: reported[key] for key in ("received", "lost", "reordered", "duplicates", "foreign")}
     assert counts == {"received": 5, "lost": 1, "reordered": 1, "duplicates": 1, "foreign": 2}
-    assert told["age"]["count"] == 2
+    assert reported["age"]["count"] == 2
 
 
 def test_a_silent_peer_is_reported(pair):

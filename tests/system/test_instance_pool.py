@@ -43,8 +43,8 @@ def test_a_run_is_the_same_on_instances_of_an_earlier_one(drive, loop):
     pool = InstancePool()
     try:
         assert np.abs(fresh - heavy).max() > 1e-3
-        for start, told in (({"mass": 200.0}, heavy), ({}, fresh), ({"mass": 200.0}, heavy)):
-            assert np.array_equal(signals(drive, pool, loop, start), told)
+        for start, reported in (({"mass": 200.0}, heavy), ({}, fresh), ({"mass": 200.0}, heavy)):
+            assert np.array_equal(signals(drive, pool, loop, start), reported)
     finally:
         pool.close()
 

@@ -26,7 +26,7 @@ def test_a_chain_through_a_robot_is_one_bond():
     assert str(declared).endswith(", satellite.position -> robot.command, robot.position -> contact.position")
 
 
-def both_told(**changes):
+def both_reported(**changes):
     """A mass whose spring is reported position and velocity."""
     damped = FakeFmu(
         inputs={"position": "m", "velocity": "m/s"},
@@ -43,7 +43,7 @@ def both_told(**changes):
 
 
 def test_of_a_flow_and_its_displacement_the_displacement_counts_and_the_other_is_reported():
-    (bond,) = both_told().bonds
+    (bond,) = both_reported().bonds
     assert str(bond) == (
         "damped-mass: damped.force -> mass.force, mass.position -> damped.position "
         "(not the rate: mass.velocity -> damped.velocity)"
@@ -163,7 +163,7 @@ def test_a_declared_bond_by_its_flow_agrees_with_the_one_by_its_displacement():
     found = []
     for bonds in (None, declared):
         # Over a period: what stands between the given and the true position at the ends is no difference.
-        _, ledger = simulated(both_told(bonds=bonds), "jacobi", 2000, PERIOD)
+        _, ledger = simulated(both_reported(bonds=bonds), "jacobi", 2000, PERIOD)
         found.append(ledger.accounts()["damped-mass"].created)
     assert found[0] == pytest.approx(found[1], rel=2e-3)
 
@@ -171,7 +171,7 @@ def test_a_declared_bond_by_its_flow_agrees_with_the_one_by_its_displacement():
 def test_sign_and_port_of_a_declared_bond():
     def made(**values):
         bond = BondModel(effort="damped.force -> mass.force", **values)
-        _, ledger = simulated(both_told(bonds=[bond]), "jacobi", 100, 1)
+        _, ledger = simulated(both_reported(bonds=[bond]), "jacobi", 100, 1)
         return ledger.accounts()["damped-mass"]
 
     plain = made(flow="mass.position -> damped.position")
@@ -191,7 +191,7 @@ def test_bonds_are_declared_from_the_command_line():
     assert str(found) == "tip: contact.force -> satellite.force, satellite.velocity"
 
 
-def test_wrong_bonds_are_told_all_at_once():
+def test_wrong_bonds_are_reported_all_at_once():
     bonds = [
         BondModel(effort="damped.forc -> mass.force", flow="mass.velocity -> damped.velocity"),
         BondModel(effort="damped.force -> mass.force", flow="mass.speed"),
@@ -200,9 +200,9 @@ def test_wrong_bonds_are_told_all_at_once():
         BondModel(effort="mass.velocity -> damped.velocity", flow="damped.force -> mass.force"),
     ]
     with pytest.raises(ConfigError) as caught:
-        both_told(bonds=bonds)
-    told = str(caught.value).splitlines()
-    assert told == [
+        both_reported(bonds=bonds)
+    reported = str(caught.value).splitlines()
+    assert reported == [
         "system: bonds[0]: no connection 'damped.forc -> mass.force'",
         "  Did you mean damped.force -> mass.force?",
         "system: bonds[1]: no output 'mass.speed'",
@@ -212,7 +212,7 @@ def test_wrong_bonds_are_told_all_at_once():
     ]
 
 
-def test_wrong_bonds_are_told_with_everything_else():
+def test_wrong_bonds_are_reported_with_everything_else():
     """A bond is blamed for its own mistakes only, not for connections and instances that have a problem."""
     connections = ["mass.velocity -> damped.velocity", "mass.position -> damped.position"]
     damped = FakeFmu(inputs={"position": "m", "velocity": "m"}, outputs={"force": "N"})

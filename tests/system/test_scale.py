@@ -45,12 +45,12 @@ def test_a_thousand_instances_with_ten_thousand_connections_run(fmu, monkeypatch
     assert len(prepared.system.instances) == 1000 and len(prepared.system.connections) == 10_000
     made = run(prepared, halving=False)
     assert counts == {"read": 1, "extracted": 2}  # the description and the library
-    told = made.summary["run"]
-    assert list(told["instance_time"]) == [f"s{index}" for index in range(1000)]
-    assert min(told["instance_time"].values()) > 0.0
+    reported = made.summary["run"]
+    assert list(reported["instance_time"]) == [f"s{index}" for index in range(1000)]
+    assert min(reported["instance_time"].values()) > 0.0
     # Loading and initialising a thousand instances is no part of the loop.
-    assert sum(told["instance_time"].values()) < told["stepping_time"] < told["wall_time"]
-    assert told["real_time_factor"] == pytest.approx(STEPS * STEP_SIZE / told["stepping_time"])
+    assert sum(reported["instance_time"].values()) < reported["stepping_time"] < reported["wall_time"]
+    assert reported["real_time_factor"] == pytest.approx(STEPS * STEP_SIZE / reported["stepping_time"])
     # All instances begin alike, hence stay alike: first-order lags that are fed by one another.
     y = 1.0 + np.arange(PORTS)
     for _ in range(STEPS):

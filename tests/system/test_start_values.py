@@ -154,18 +154,19 @@ def test_whole_arrays_start_and_are_recorded():
     assert list(system.instances[0].start) == list(sizes)
     assert [str(port) for port in system.recorded] == ["s.y[1]", "s.y[2]"]
 
-    def told(record=(), **given):
+    def reported(record=(), **given):
         return refusal([Part("s", fmu, start | given)], record=record)
 
     row = "  Give a list of its values, row by row, or single elements by their names."
     at = "docking.yaml: instances.s.start"
-    assert told(u=[1, 2, 3]).splitlines() == [f"{at}.u: s.u is an array of 2 values, got [1, 2, 3]", row]
-    assert told(u="1 N").splitlines()[0] == f"{at}.u: s.u is an array of 2 values, got '1 N'"
+    assert reported(u=[1, 2, 3]).splitlines() == [f"{at}.u: s.u is an array of 2 values, got [1, 2, 3]", row]
+    assert reported(u="1 N").splitlines()[0] == f"{at}.u: s.u is an array of 2 values, got '1 N'"
     assert (
-        told(a=[1, 2, 3, 4]).splitlines()[0] == f"{at}.a: s.a is an array of 2 x 2 values, got [1, 2, 3, 4]"
+        reported(a=[1, 2, 3, 4]).splitlines()[0]
+        == f"{at}.a: s.a is an array of 2 x 2 values, got [1, 2, 3, 4]"
     )
-    assert told(a=[[1, 2], [3]]).splitlines()[0].endswith("2 x 2 values, got [[1, 2], [3]]")
-    assert told(u=["1 N", "2 m"]).startswith(f"{at}.u[2]: s.u[2] [N]: cannot take '2 m'")
-    assert told(**{"u[2]": "1 N"}).splitlines()[0] == f"{at}.u: s.u[2] is given twice, by itself and in u"
-    assert told(["s.u"]).splitlines()[0] == "docking.yaml: run.record[0]: s.u[1] cannot be recorded"
-    assert told(["s.x"]).splitlines()[0] == "docking.yaml: run.record[0]: s has no variable 'x' to record"
+    assert reported(a=[[1, 2], [3]]).splitlines()[0].endswith("2 x 2 values, got [[1, 2], [3]]")
+    assert reported(u=["1 N", "2 m"]).startswith(f"{at}.u[2]: s.u[2] [N]: cannot take '2 m'")
+    assert reported(**{"u[2]": "1 N"}).splitlines()[0] == f"{at}.u: s.u[2] is given twice, by itself and in u"
+    assert reported(["s.u"]).splitlines()[0] == "docking.yaml: run.record[0]: s.u[1] cannot be recorded"
+    assert reported(["s.x"]).splitlines()[0] == "docking.yaml: run.record[0]: s has no variable 'x' to record"

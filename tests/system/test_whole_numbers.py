@@ -75,10 +75,10 @@ def test_a_parameter_is_exact_and_what_becomes_of_it_is_reported(whole, capsys, 
     )
     assert made.results.parameters["one.level_in"] == BEYOND
     assert made.results["one.level_out"][-1] == BEYOND - 1
-    told = [line for lines in made.summary["run"]["log"].values() for line in lines]
+    reported = [line for lines in made.summary["run"]["log"].values() for line in lines]
     assert any(
         f"level_out is {BEYOND} at 0.1 s; as a signal, a 64-bit float, it is {BEYOND - 1}" in one
-        for one in told
+        for one in reported
     )
 
 

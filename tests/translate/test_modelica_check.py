@@ -59,15 +59,15 @@ def found(path) -> list[tuple[int, int, str]]:
     return [(*one.fault.places[0][1:], one.fault.what) for one in check_model(path).findings]
 
 
-def test_all_faults_are_told_at_once(tmp_path):
-    told = found(bench.model_file(tmp_path, FAULTY))
-    assert [one[:2] for one in told] == [one[:2] for one in EXPECTED]
-    for (_, _, what), (_, _, words) in zip(told, EXPECTED, strict=True):
+def test_all_faults_are_reported_at_once(tmp_path):
+    reported = found(bench.model_file(tmp_path, FAULTY))
+    assert [one[:2] for one in reported] == [one[:2] for one in EXPECTED]
+    for (_, _, what), (_, _, words) in zip(reported, EXPECTED, strict=True):
         assert words in what
 
 
 def test_a_mended_model_has_none_and_translates(tmp_path):
-    """What is told can be mended one by one, and then the build takes the model."""
+    """What is reported can be mended one by one, and then the build takes the model."""
     text = (
         FAULTY.replace("y, z\n", "y(start=0, fixed=true), z;\n").replace("lost", "0").replace("m*x", "x/tau")
     )
@@ -135,10 +135,10 @@ def test_the_command_tells_exit_code_and_json(tmp_path, capsys):
     assert f"{path}:8:16: `lost`" in text and "     8 |   der(x) = v + lost;" in text
     assert f"{path}: 8 problems" in text
     assert main(["build", str(path), "--check", "--json"]) == 1
-    told = json.loads(capsys.readouterr().out)
-    assert told["exit_code"] == 1 and len(told["problems"]) == 8
-    assert told["problems"][0]["places"] == [{"file": str(path), "line": 5, "column": 3}]
-    assert told["unchecked"] == ["the number of equations and the initialisation"]
+    reported = json.loads(capsys.readouterr().out)
+    assert reported["exit_code"] == 1 and len(reported["problems"]) == 8
+    assert reported["problems"][0]["places"] == [{"file": str(path), "line": 5, "column": 3}]
+    assert reported["unchecked"] == ["the number of equations and the initialisation"]
     assert not list(tmp_path.glob("*.fmu"))
     assert main(["build", str(path), "-o", str(tmp_path / "M.fmu"), "--json"]) == 1
     problems = json.loads(capsys.readouterr().out)["error"]["problems"]

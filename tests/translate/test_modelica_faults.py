@@ -188,8 +188,8 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize(("body", "told"), FAULTS.values(), ids=FAULTS)
-def test_each_fault_has_its_place_and_remedy(body, told, tmp_path):
+@pytest.mark.parametrize(("body", "reported"), FAULTS.values(), ids=FAULTS)
+def test_each_fault_has_its_place_and_remedy(body, reported, tmp_path):
     marked = f"model Model\n{body}\n"
     text = marked.replace("«", "").replace("»", "")
     path = bench.model_file(tmp_path, text)
@@ -203,7 +203,7 @@ def test_each_fault_has_its_place_and_remedy(body, told, tmp_path):
         before = marked[: found.start()].replace("«", "").replace("»", "")
         wanted.append((str(path), before.count("\n") + 1, len(before) - before.rfind("\n")))
     assert places == wanted
-    for words in told:
+    for words in reported:
         assert any(words in fault.what for fault in faults)
     # The line of each place, and below it a caret under the construct.
     pictures = [n for n, one in enumerate(shown) if re.match(r" +\d+ \| ", one)]

@@ -44,9 +44,9 @@ def plant(tmp_path, top: bool):
 def test_a_folder_without_a_package_file_is_read_as_a_package_with_a_remark(file, top, tmp_path):
     folder = plant(tmp_path, top)
     made = build(folder / file, tmp_path / "X.fmu", platforms=())
-    told = [note for note in made.notes if "has no package.mo and is read as a package" in note]
-    assert len(told) == (1 if top else 2)
-    assert any(note.startswith(f"{folder}/Parts/ has") for note in told)
+    reported = [note for note in made.notes if "has no package.mo and is read as a package" in note]
+    assert len(reported) == (1 if top else 2)
+    assert any(note.startswith(f"{folder}/Parts/ has") for note in reported)
     assert not (folder / "Parts" / "package.mo").exists()
     assert made.counts["states"] == 1
 

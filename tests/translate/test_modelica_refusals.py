@@ -87,7 +87,7 @@ def test_a_derivative_of_an_input_is_refused(tmp_path):
     )
 
 
-def test_a_mistake_of_syntax_is_told_with_its_line(tmp_path):
+def test_a_mistake_of_syntax_is_reported_with_its_line(tmp_path):
     # Of the folder that it is given, the compiler only says that it cannot be read.
     path = bench.model_file(tmp_path, "model Model\nReal x;\nequation\nder(x) = -x\nend Model;\n")
     assert refused(path) == f"{path}:5:1: unexpected `end`; is a ; missing before it?"
@@ -98,22 +98,22 @@ def test_a_mistake_of_syntax_is_told_with_its_line(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("declared", "told"),
+    ("declared", "reported"),
     [
         ('output Real flow(unit="m3/s");', ["2:13: `flow`"]),  # here the compiler asks for a ; before it
         ('Real flow;\nReal type "of it";', ["2:6: `flow`", "3:6: `type`"]),  # and here at the model's name
     ],
 )
-def test_keywords_as_names_are_told_as_such(tmp_path, declared, told):
+def test_keywords_as_names_are_reported_as_such(tmp_path, declared, reported):
     path = bench.model_file(tmp_path, f"model Model\n{declared}\nend Model;\n")
     remedy = "is a keyword of Modelica and can name no variable; take another name"
-    assert refused(path).splitlines() == [f"{path}:{one} {remedy}" for one in told]
+    assert refused(path).splitlines() == [f"{path}:{one} {remedy}" for one in reported]
 
 
-def test_the_standard_library_is_told_to_be_missing(tmp_path):
+def test_the_standard_library_is_reported_to_be_missing(tmp_path):
     text = "model Model\nModelica.Blocks.Interfaces.RealInput u;\nReal x = u;\nend Model;\n"
-    told = refused(bench.model_file(tmp_path, text))
-    assert "The Modelica Standard Library is not found: name its folder by --library" in told
+    reported = refused(bench.model_file(tmp_path, text))
+    assert "The Modelica Standard Library is not found: name its folder by --library" in reported
 
 
 def test_files_and_names(tmp_path):
@@ -222,20 +222,20 @@ def test_an_unknown_part_of_the_representation_is_refused(tmp_path, monkeypatch)
     )
 
 
-def test_a_machine_without_binaries_is_told_what_to_build_for(tmp_path, monkeypatch, capsys):
+def test_a_machine_without_binaries_is_reported_what_to_build_for(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("platform.machine", lambda: "riscv64")
     monkeypatch.setattr("platform.system", lambda: "Linux")
     model = tmp_path / "M.mo"
     model.write_text("model M\n  output Real y;\nequation\n  y = time;\nend M;\n")
     command = ["build", str(model), "-o", str(tmp_path / "M.fmu")]
     assert main(command) == 1
-    told = capsys.readouterr().err
-    assert "binaries cannot be made for this machine, riscv64-linux; name some of x86_64-linux," in told
+    reported = capsys.readouterr().err
+    assert "binaries cannot be made for this machine, riscv64-linux; name some of x86_64-linux," in reported
     assert main([*command, "--platforms", "none"]) == 0
 
 
 @pytest.mark.parametrize("arguments", [["none.mo"], ["none.py"], ["none.py", "--form", "native"]])
-def test_a_missing_model_is_told_before_what_a_build_needs(tmp_path, monkeypatch, capsys, arguments):
+def test_a_missing_model_is_reported_before_what_a_build_needs(tmp_path, monkeypatch, capsys, arguments):
     def missing():
         raise BuildError("CasADi is not installed")
 

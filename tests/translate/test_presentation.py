@@ -98,15 +98,15 @@ def test_shipped_fmus_show_and_explain_themselves(path):
 
 
 def test_provenance_names_the_sources():
-    told = json.loads(members(find_fmu("RobotResponse"))["extra/orchestrator/provenance.json"])
+    reported = json.loads(members(find_fmu("RobotResponse"))["extra/orchestrator/provenance.json"])
     source = FMUS.parent / "modelica" / "DockingHIL" / "RobotResponse.mo"
-    assert told["sources"] == {
+    assert reported["sources"] == {
         "DockingHIL/RobotResponse.mo": f"sha256:{sha256(source.read_bytes()).hexdigest()}"
     }
-    assert set(told["madeWith"]) == {"rumoca", "casadi", "ziglang"}
-    told = json.loads(members(find_fmu("ArmInverse"))["extra/orchestrator/provenance.json"])
-    assert {"model.py", "shared/arm.py"} <= set(told["sources"])
-    assert set(told["madeWith"]) == {"pythonfmu"}
+    assert set(reported["madeWith"]) == {"rumoca", "casadi", "ziglang"}
+    reported = json.loads(members(find_fmu("ArmInverse"))["extra/orchestrator/provenance.json"])
+    assert {"model.py", "shared/arm.py"} <= set(reported["sources"])
+    assert set(reported["madeWith"]) == {"pythonfmu"}
     whole = json.loads(members(find_fmu("UncompensatedDocking"))["extra/orchestrator/provenance.json"])
     assert "DockingHIL/RobotResponse.mo" in whole["sources"]
 
@@ -130,9 +130,9 @@ def test_a_system_s_fmu_explains_itself(tmp_path):
         page = check(path)
         assert "System" in page.headings
         assert "contact.force -> sensor.force" in page.text
-        told = json.loads(members(path)["extra/orchestrator/provenance.json"])
+        reported = json.loads(members(path)["extra/orchestrator/provenance.json"])
         digest = sha256(find_fmu("DockingContact").read_bytes()).hexdigest()
-        assert told["fmus"]["contact"] == f"sha256:{digest}"
+        assert reported["fmus"]["contact"] == f"sha256:{digest}"
         assert "Derivatives of outputs by inputs: none." in page.text
 
 
@@ -208,7 +208,7 @@ def test_a_python_fmu_tells_what_it_misses(tmp_path, monkeypatch):
     assert "absent-package&gt;=2.1" in members(fmu)["documentation/index.html"].decode()
     assert members(fmu)["resources/requirements.txt"] == b"absent-package>=2.1\n"
 
-    def told(*folders: Path) -> str:
+    def reported(*folders: Path) -> str:
         path = os.pathsep.join([str(FMUS.parent), *map(str, folders)])
         run = subprocess.run(
             [sys.executable, "-c", RUN, str(fmu)],
@@ -219,12 +219,12 @@ def test_a_python_fmu_tells_what_it_misses(tmp_path, monkeypatch):
         assert run.returncode == 0, run.stderr
         return run.stdout
 
-    assert told(installed) == "made\n"
-    missing = told()
+    assert reported(installed) == "made\n"
+    missing = reported()
     assert "FMU Needy: in the Python" in missing
     assert "absent-package>=2.1 is not installed. Remedy: pip install" in missing
     metadata.write_text("Metadata-Version: 2.1\nName: absent-package\nVersion: 2.0.9\n")
-    assert "absent-package>=2.1 is needed, 2.0.9 is installed. Remedy:" in told(installed)
+    assert "absent-package>=2.1 is needed, 2.0.9 is installed. Remedy:" in reported(installed)
 
 
 def test_requirements_that_cannot_be_checked_are_refused(tmp_path):

@@ -353,7 +353,7 @@ def test_events_that_a_shorter_step_does_not_have_do_not_repeat_for_ever(size):
 
 
 @pytest.mark.parametrize("size", [0.01, 1e-4, 1e-5])
-def test_a_jump_without_an_event_that_holds_a_state_is_stepped_over_and_told(size):
+def test_a_jump_without_an_event_that_holds_a_state_is_stepped_over_and_reported(size):
     # x' = -sign(x): error control alone takes steps of 1e-11 s, 1e7 of them for 1e-4 s.
     instance = Instance("steep").initialise(x=2.5 * size, speed=1.0, width=0.0)
     for step in range(1, 21):
@@ -364,7 +364,7 @@ def test_a_jump_without_an_event_that_holds_a_state_is_stepped_over_and_told(siz
     assert instance.texts[0].startswith("a derivative jumps without an event at t = ")
 
 
-def test_a_saved_state_knows_that_a_jump_was_told_and_goes_on_to_the_bit():
+def test_a_saved_state_knows_that_a_jump_was_reported_and_goes_on_to_the_bit():
     instance = Instance("steep").initialise(x=0.005, speed=1.0, width=0.0)
     instance.step(0.01)
     state, time = instance.save(), instance.time

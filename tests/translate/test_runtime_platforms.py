@@ -173,7 +173,7 @@ def test_the_compiler_finds_nothing_to_warn_about(tmp_path):
 
 
 @needs_compiler
-def test_compiler_errors_are_told(tmp_path):
+def test_compiler_errors_are_reported(tmp_path):
     folder = write_sources(tmp_path / "sources", "contact", "2.0")
     with (folder / "model.c").open("a") as stream:
         stream.write("int broken(void) { return undeclared; }\n")
@@ -185,7 +185,7 @@ def test_compiler_errors_are_told(tmp_path):
 
 
 @needs_compiler
-def test_a_function_that_a_model_lacks_is_told(tmp_path):
+def test_a_function_that_a_model_lacks_is_reported(tmp_path):
     folder = write_sources(tmp_path / "sources", "contact", "2.0")
     text = (folder / "model.c").read_text().replace("void model_tangent(", "void renamed(")
     (folder / "model.c").write_text(text)
@@ -247,7 +247,7 @@ def test_refusals():
         assert str(caught.value) == message
 
 
-def test_an_empty_folder_is_told(tmp_path):
+def test_an_empty_folder_is_reported(tmp_path):
     with pytest.raises(BuildError, match="no C files to compile"):
         compile_library(tmp_path, "contact", "2.0", ["x86_64-linux"])
 

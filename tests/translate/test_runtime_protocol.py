@@ -279,7 +279,7 @@ def status_of(instance: Instance, call: str, *arguments: float) -> int:
     return caught.value.status
 
 
-def test_an_error_assertion_ends_the_run_and_a_warning_is_told_once():
+def test_an_error_assertion_ends_the_run_and_a_warning_is_reported_once():
     instance = Instance("contact").initialise(soft=0.2, hard=0.39)
     instance.step(0.25)
     # %%: an FMI 2.0 logger takes a format.

@@ -271,9 +271,9 @@ def test_messages_are_pythons(talker, a):
     """Numbers in messages are written as Python writes them, by the C code."""
     description, folder = talker
     references = {variable.name: [variable.valueReference] for variable in description.modelVariables}
-    told: list[str] = []
+    reported: list[str] = []
     callbacks = fmi2CallbackFunctions()
-    callbacks.logger = fmi2CallbackLoggerTYPE(lambda *message: told.append(message[4].decode()))
+    callbacks.logger = fmi2CallbackLoggerTYPE(lambda *message: reported.append(message[4].decode()))
     fmu = FMU2Slave(guid=description.guid, unzipDirectory=folder, modelIdentifier="Model", instanceName="one")
     fmu.instantiate(callbacks=callbacks)
     fmu.setInteger(references["count"], [-3])
@@ -294,7 +294,7 @@ def test_messages_are_pythons(talker, a):
     with pytest.raises(Exception, match="fmi2DoStep failed with status 3"):
         fmu.doStep(0.25, 0.125)
     fmu.freeInstance()
-    assert told == [
+    assert reported == [
         f"one: a is {a!r} ({a:.2f}), count -3, on True",
         "b is large: somewhat",
         f"b is large: very, {1e-5 + a * 1e3!r}",

@@ -141,8 +141,8 @@ def layout_of(system: System, indicators: bool = False) -> Layout:
             ports.append(Port(f"der({one.name})", "ALGEBRAIC", count, one, slope, order=1))
             count += 1
     for number, margin in enumerate(margins_of(model.modes) if indicators else (), 1):
-        told = Scalar(f"'event indicator {number}'", "algebraic", "real", ex.ZERO, False)
-        ports.append(Port(told.name, "ALGEBRAIC", count, told, margin, indicator=True))
+        indicator = Scalar(f"'event indicator {number}'", "algebraic", "real", ex.ZERO, False)
+        ports.append(Port(indicator.name, "ALGEBRAIC", count, indicator, margin, indicator=True))
         count += 1
     return Layout(
         system, slots, inputs, parameters, ports, done + 5 + HISTORY_ROOM * len(model.delays), modes,

@@ -290,16 +290,16 @@ def _adapted_library(
                 target.parent.mkdir(parents=True, exist_ok=True)
                 new = adapted(text, str(library / path), objects, functions=functions, sections=found)
                 target.write_bytes(new.encode())
-            told = {key: asdict(one) for key, one in (found or {}).items()}
-            (Path(scratch) / "root" / _SECTIONS).write_text(json.dumps(told))
+            kept_sections = {key: asdict(one) for key, one in (found or {}).items()}
+            (Path(scratch) / "root" / _SECTIONS).write_text(json.dumps(kept_sections))
             with contextlib.suppress(OSError):  # another process was first
                 (Path(scratch) / "root").rename(kept)
     with contextlib.suppress(OSError):
         os.utime(kept)
     keep_last_used(kept.parent, _MOST_COPIES)
     if sections is not None:
-        told = json.loads((kept / _SECTIONS).read_text())
-        sections.update({key: Section(**one) for key, one in told.items()})
+        kept_sections = json.loads((kept / _SECTIONS).read_text())
+        sections.update({key: Section(**one) for key, one in kept_sections.items()})
     return kept, objects
 
 

@@ -127,7 +127,7 @@ def unbalanced(model: DaeModel, states: Sequence[Expr], algebraics: Sequence[Exp
         if not augmented(number, model.equations, unknowns, owner, set(), set()):
             surplus.append(number)
     origins = places_of(model.origins, model.equations)
-    told = []
+    refusals = []
     for number in surplus:
         reached: set[int] = set()
         augmented(number, model.equations, unknowns, owner, reached, set())
@@ -143,14 +143,14 @@ def unbalanced(model: DaeModel, states: Sequence[Expr], algebraics: Sequence[Exp
         else:
             what += ": it holds parameters and constants only"
         what += f", which {listed(others, 3)} determine already" if others else ""
-        told.append(str(model.refusal(f"{what}; drop one of them", origins[number])))
+        refusals.append(str(model.refusal(f"{what}; drop one of them", origins[number])))
     for one in sorted(unknowns - owner.keys(), key=lambda one: one.args[1:]):
         what = (
             f"too few equations ({count}): none is left that determines {model.name_of(one)}; add one, or "
             "declare it a parameter or an input"
         )
-        told.append(str(model.refusal(what, model.place_of(one))))
-    return PlacedError("\n".join(told))
+        refusals.append(str(model.refusal(what, model.place_of(one))))
+    return PlacedError("\n".join(refusals))
 
 
 # Aliases

@@ -132,9 +132,9 @@ def test_a_change_is_reported_in_declaration_and_behaviour(tmp_path, capsys):
     assert main(["fmu", "compare", "--steps", "40", "--tolerance", "1e-6", str(one), str(other)]) == 1
     capsys.readouterr()
     assert main(["fmu", "compare", "--json", "RobotResponse", "ForceSensor"]) == 1
-    told = json.loads(capsys.readouterr().out)
-    assert "command" in told["removed"] and told["behaviour"] is None
-    assert told["reason"] == "They have no numeric output in common."
+    reported = json.loads(capsys.readouterr().out)
+    assert "command" in reported["removed"] and reported["behaviour"] is None
+    assert reported["reason"] == "They have no numeric output in common."
 
 
 def test_the_same_seed_gives_the_same_inputs_whatever_else_there_is():

@@ -483,11 +483,13 @@ static double scaled_sum(double u, int n, const double *v, size_t size)
     assert found["y"] == pytest.approx(3 * found["x"] * (3 + found["x"]), abs=1e-12)
 
 
-@pytest.mark.parametrize(("purity", "told"), [("", "lost.c: no such file"), ("impure", "impure function")])
-def test_a_c_function_without_source_or_with_memory_is_refused(tmp_path, purity, told):
+@pytest.mark.parametrize(
+    ("purity", "reported"), [("", "lost.c: no such file"), ("impure", "impure function")]
+)
+def test_a_c_function_without_source_or_with_memory_is_refused(tmp_path, purity, reported):
     with pytest.raises(BuildError) as caught:
         made(tmp_path, C_MODEL.format(purity=purity, file="lost.c"))
-    assert told in str(caught.value)
+    assert reported in str(caught.value)
 
 
 def test_what_is_imported_from_within_a_model_is_found(tmp_path):

@@ -397,7 +397,7 @@ end M;
 
 
 @pytest.mark.parametrize(
-    ("body", "told"),
+    ("body", "reported"),
     [
         ("Real x;\nReal y;\nequation\nder(x) = y;\nx = y;\nx = 2*y;", "equation"),
         (
@@ -410,10 +410,10 @@ end M;
         ),
     ],
 )
-def test_what_cannot_be_solved_is_refused_by_name(tmp_path, body, told):
+def test_what_cannot_be_solved_is_refused_by_name(tmp_path, body, reported):
     with pytest.raises(BuildError) as caught:
         made(tmp_path, f"model M\n{body}\nend M;\n")
-    assert told in str(caught.value)
+    assert reported in str(caught.value)
 
 
 def test_a_library_is_read_where_it_is_named(tmp_path):

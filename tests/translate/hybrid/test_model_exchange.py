@@ -72,7 +72,7 @@ def sampled(times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 @VERSIONS
-def test_time_events_are_told_beforehand(tmp_path, version):
+def test_time_events_are_reported_beforehand(tmp_path, version):
     found = exchanged(made(tmp_path, SAMPLED, version), 2.0, 0.05, "x", "u", "ticks")
     state, output, ticks = sampled(found["time"])
     assert (found["ticks"] == ticks).all()

@@ -247,13 +247,13 @@ end M;
 
 @pytest.mark.parametrize("construct", REFUSED)
 def test_a_refusal_names_construct_line_and_remedy(tmp_path, construct):
-    text, told = REFUSED[construct]
+    text, reported = REFUSED[construct]
     library = tmp_path / "library" / "Parts"
     library.mkdir(parents=True)
     (library / "package.mo").write_text(PARTS)
     with pytest.raises(BuildError) as caught:
         made(tmp_path, text, model="M.M" if text.startswith("package") else None, libraries=[library.parent])
-    assert re.search(told, str(caught.value)), str(caught.value)
+    assert re.search(reported, str(caught.value)), str(caught.value)
 
 
 def test_the_documentation_lists_these_constructs():
