@@ -209,8 +209,10 @@ def other_route(refusal: BuildError, differs: bool) -> bool:
     Args:
         differs: whether the compiler reads something else there: libraries, or sources adapted for it.
     """
+    from .hybrid.front_end import needed_rewrites
+
     if isinstance(refusal, CompilerRefusal):
-        return differs
+        return differs or bool(needed_rewrites(str(refusal)))
     return all(_LACKS.search(line) for line in str(refusal).splitlines() if not line.startswith(" "))
 
 

@@ -244,7 +244,8 @@ _RULES: tuple[Rule, ...] = (
         lambda s, m: (
             s.start(),
             "the two sides are of unlike types, as a Real for an Integer or a Boolean, or a modifier has not "
-            "the sizes of its element; convert one, as by integer(x), x > 0 or if b then 1 else 0",
+            "the sizes of its element; convert one, as by integer(x), x > 0 or if b then 1 else 0. "
+            "Sizes of arrays of components have to follow from numbers and Integer parameters, not size()",
         ),
     ),
     (

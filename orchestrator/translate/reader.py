@@ -11,6 +11,7 @@ import numpy as np
 from orchestrator.base.errors import BuildError
 
 from .audit import audit_flattened, audit_sources, experiment
+from .component_arrays import refuse_single_components
 from .declarations import (
     declared_integers,
     declared_shapes,
@@ -81,6 +82,7 @@ def read_model(tree: SourceTree, model: str) -> FlatModel:
     used = audit_sources(tree, model)
     flat, files = flatten(tree, model)
     refuse_other_sizes(tree, {name: body.get("dims") or [] for name, body in flat["variables"].items()})
+    refuse_single_components(tree, model, flat["variables"])
     keep_unit_arrays(tree, flat, files)
     reader = _FlatReader(tree, flat, files)
     result = reader.model(model, experiment(tree.classes[model]))

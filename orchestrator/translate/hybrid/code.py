@@ -10,6 +10,7 @@ from ..package import TOKEN_MARK, c_string
 from . import expression as ex
 from .adapted import MARK
 from .expression import Expr
+from .form import refused
 from .functions import function_code
 from .matching import Block
 from .model import Action, DaeModel, Scalar
@@ -195,6 +196,8 @@ class _Writer:
         if kind == "pre" and one not in layout.slots:  # of an alias or an input: as it is
             value = ex.symbol("v", one.args[1])
             return self.reference(layout.system.aliases.get(value, value))
+        if kind == "text":
+            raise refused(layout.system.model.name, f"the text {one.args[1]!r} in an expression")
         return f"h->z[{layout.slots[one]}]"
 
     def statements(self, targets: Sequence[tuple[str, Expr]], indent: str = "    ") -> list[str]:

@@ -19,6 +19,7 @@ from orchestrator.base.temporary_folders import cache_folder, keep_last_used
 from .. import specialised as classes
 from ..compiler import TIME_LIMIT, compile_model
 from ..complaints import CompilerRefusal, explained
+from ..component_arrays import refuse_single_components, with_known_sizes
 from ..flatten import called_partial, flatten, message_of, syntax_faults
 from ..lexer import tokenise
 from ..redeclared import refuse_repeated_redeclarations
@@ -27,6 +28,7 @@ from ..specialised import specialised, specialised_library
 from . import adapted as rules
 from .adapted import ANY, ANY_MODEL, Objects, Section, Sections, adapted, class_texts, external_objects
 from .buses import refuse_unknown_members, types_of_members, with_members
+from .iterators import with_plain_iterators
 from .statements import FunctionSource
 
 __all__ = [
@@ -150,7 +152,9 @@ def _forms(
             asked = None if libraries else lambda other: message_of(other, model, partial)
             raise CompilerRefusal(explained(tree, model, text, asked))
         forms = answer.forms
-        refuse_unknown_members(tree, [one["name"] for one in forms["dae"]["storage"]["variables"]])
+        names = [restored(one["name"]) for one in forms["dae"]["storage"]["variables"]]
+        refuse_unknown_members(tree, names)
+        refuse_single_components(special, model, names)
         prefix = f"{folder.as_posix()}/"
         if "flat" not in stages and "sections" not in rewritten and forms["dae"]["storage"][_TRANSACTIONS]:
             again = rewritten | {"sections"}
@@ -228,7 +232,10 @@ def prepared(
         modernised(folder)
     texts = {path: path.read_bytes().decode() for path in before}
     named = {path.relative_to(folder).as_posix(): text for path, text in texts.items()}
-    texts |= {folder / path: text for path, text in with_members(named, rewritten).items()}
+    named |= with_members(named, rewritten)
+    named |= with_plain_iterators(named)
+    named |= with_known_sizes(named)
+    texts = {folder / path: text for path, text in named.items()}
     objects |= external_objects(texts.values())
     common, models = _of_all(tree)
     for path, text in texts.items():
@@ -244,7 +251,9 @@ def prepared(
 
 def adapts(tree: SourceTree) -> bool:
     """Whether the compiler does not see a model's sources as they are."""
-    if with_members(tree.texts) or specialised(tree).texts != tree.texts:
+    if any(one(tree.texts) for one in (with_members, with_plain_iterators, with_known_sizes)):
+        return True
+    if specialised(tree).texts != tree.texts:
         return True
     objects = external_objects(tree.texts.values())
     common, models = _of_all(tree)

@@ -208,7 +208,11 @@ class Values(Calls):
         return self._held(made) if made.op == op and self._events and self._moves(made) else made
 
     def _told(self, one: Expr) -> Expr:
-        """The text that a String parameter or constant stands for; anything else as it is."""
+        """The text that a String parameter or constant, or a sum of them, stands for; others as they are."""
+        if one.op == "add":
+            a, b = (self._told(part) for part in one.args)
+            if a.op == b.op == "sym" and a.args[0] == b.args[0] == "text":
+                return ex.symbol("text", a.args[1] + b.args[1])
         if one not in self._strings or self._scalars[one.args[1]].role != "parameter":
             return one
         place = next(n for n, places in enumerate(self._elements) if one in places.ravel())

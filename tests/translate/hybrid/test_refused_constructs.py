@@ -230,6 +230,21 @@ end M;
 """,
         r"87:12: smooth interpolation of a CombiTable2D is not supported; choose",
     ),
+    "sizes of arrays of components that follow from sums or elements": (
+        """package M
+  model Part
+    Real x(start=0, fixed=true);
+  equation
+    der(x) = 1;
+  end Part;
+  model M
+    parameter Integer k[2] = {1, 3};
+    Part b[k[2]];
+  end M;
+end M;
+""",
+        r"9:10: the size of the array `b` is not known .* give it by numbers and Integer parameters",
+    ),
     "`reinit` of arrays": (
         """model M
   Real x[2](each start=1, each fixed=true);

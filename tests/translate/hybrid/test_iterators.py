@@ -1,0 +1,215 @@
+"""Iterators over other things than ranges of Integers, and sizes of arrays of components."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+pytest.importorskip("rumoca", reason="needs the extra build")
+
+from orchestrator.translate.hybrid.iterators import with_plain_iterators
+from tests.translate.hybrid.test_hybrid_models import made, run
+
+KIND = "type Kind = enumeration(one, two, three);"
+FUNCTION = "function f input Real u[:]; input Integer n = 3; output Real y; algorithm y := 0;"
+DECAY = "model Decay parameter Real k = 1; Real x(start=1, fixed=true); equation der(x) = -k*x; end Decay;"
+
+# What is tried -> model, and values at time 1, which are worked out by hand.
+MODELS = {
+    "equations over values": (
+        """model M
+  Real x[5](each start=0, each fixed=true);
+equation
+  for i in {2, 4} loop
+    der(x[i]) = i;
+  end for;
+  for i in {1, 3, 5} loop
+    der(x[i]) = -i*x[2];
+  end for;
+end M;""",
+        {"x[2]": 2, "x[4]": 4, "x[1]": -1, "x[5]": -5},
+    ),
+    "comprehensions over values": (
+        """model M
+  Real y[2] = {i^2*time for i in {2, 4}};
+  Real s = sum(i for i in {2, 4, 7});
+  Real t = max(i^2 for i in {-3, 2})*time;
+  Real u = product(v for v in {0.5, 3*time});
+  Real w[5] = {v^2*time for v in 0:0.25:1};
+end M;""",
+        {"y[1]": 4, "y[2]": 16, "s": 13, "t": 9, "u": 1.5, "w[4]": 0.5625},
+    ),
+    "comprehensions with two iterators": (
+        """model M
+  Real x[2, 3] = {(10*i + j)*time for j in 1:3, i in 1:2};
+  Real y[2, 2] = {(10*i + j)*time for j in {1, 4}, i in 1:2};
+  Real s = sum(i*j for i in {1, 3}, j in 1:2);
+end M;""",
+        {"x[1,3]": 13, "x[2,1]": 21, "y[2,1]": 21, "y[1,2]": 14, "s": 12},
+    ),
+    "elements of arrays": (
+        """model M
+  parameter Real w[3] = {1, 2, 4};
+  Real z = sum(v^2*time for v in w);
+  Real y[3] = {2*v for v in w};
+  Real a;
+algorithm
+  a := 0;
+  for v in w loop
+    a := 2*a + v*time;
+  end for;
+end M;""",
+        {"z": 21, "y[3]": 8, "a": 12},
+    ),
+    "equations over enumerations": (
+        f"""model M
+  {KIND}
+  Real x[Kind](each start=0, each fixed=true);
+  Real y[Kind];
+  Real z[3] = {{if e == Kind.two then 2*time else Integer(e) for e in Kind}};
+equation
+  y[Kind.one] = 7;
+  for e in Kind loop
+    der(x[e]) = Integer(e);
+  end for;
+  for e in Kind.two:Kind.three loop
+    y[e] = time;
+  end for;
+end M;""",
+        {"x[3]": 3, "y[1]": 7, "y[3]": 1, "z[1]": 1, "z[2]": 2, "z[3]": 3},
+    ),
+    "statements over enumerations and Booleans": (
+        f"""model M
+  {KIND}
+  Real s, t;
+algorithm
+  s := 0;
+  for e in Kind loop
+    s := 2*s + (if e == Kind.two then 10 else 1)*time;
+  end for;
+  t := 0;
+  for b in Boolean loop
+    t := 3*t + (if b then 10 else 1)*time;
+  end for;
+end M;""",
+        {"s": 25, "t": 13},
+    ),
+    "the number of a variable of an enumeration": (
+        f"""model M
+  {KIND}
+  Kind k = if time > 0.5 then Kind.three else Kind.one;
+  Integer n = Integer(k);
+  Real x(start=0, fixed=true);
+equation
+  der(x) = Integer(k);
+end M;""",
+        {"n": 3, "x": 2},
+    ),
+    "functions": (
+        f"""model M
+  {FUNCTION}
+    for i in {{1, 3}} loop
+      y := 2*y + u[i];
+    end for;
+    for v in u loop
+      y := y + 10*v;
+    end for;
+    for i in n:-1:1 loop
+      y := 2*y + i;
+    end for;
+    for v in 0:0.5:1 loop
+      y := y + 1000*v;
+    end for;
+  end f;
+  Real y = f({{1, 2, 3*time}});
+end M;""",
+        {"y": ((65 * 2 + 3) * 2 + 2) * 2 + 1 + 1500},
+    ),
+    "several iterators of a loop, one over values": (
+        """model M
+  Real x[2, 4];
+equation
+  for i in 1:2, j in {1, 3} loop
+    x[i, j] = (10*i + j)*time;
+    x[i, j + 1] = -x[i, j];
+  end for;
+end M;""",
+        {"x[1,3]": 13, "x[2,1]": 21, "x[2,4]": -23},
+    ),
+    "ranges that follow from subscripts": (
+        """model M
+  Real x[3](each start=0, each fixed=true), y[3];
+equation
+  for i loop
+    der(x[i]) = i;
+  end for;
+algorithm
+  for i loop
+    y[i] := 2*i*time;
+  end for;
+end M;""",
+        {"x[3]": 3, "y[2]": 4},
+    ),
+    "texts put together": (
+        """model M
+  parameter String mode = "fast";
+  parameter String other = mode + "er";
+  Real x(start=1, fixed=true);
+equation
+  der(x) = if other == "faster" then -2*x else -x;
+  assert(other <> "slow" + "er", "is " + other);
+end M;""",
+        {"x": math.exp(-2)},
+    ),
+    "sizes that other components give": (
+        f"""package M
+  {DECAY}
+  model M
+    parameter Integer n = 3;
+    Decay a[n](k={{1, 2, 3}});
+    Decay b[size(a, 1)](each k=2);
+    Real c[size(a, 1)] = {{i*time for i in 1:size(a, 1)}};
+    Real s = sum(b.x) + sum(c);
+  end M;
+end M;""",
+        {"a[3].x": math.exp(-3), "b[3].x": math.exp(-2), "s": 3 * math.exp(-2) + 6},
+    ),
+}
+
+
+@pytest.mark.parametrize("what", MODELS)
+def test_values_are_those_worked_out_by_hand(tmp_path, what):
+    text, wanted = MODELS[what]
+    fmu = made(tmp_path, text, model="M.M" if text.startswith("package") else None)
+    found = run(fmu, 1.0, 0.1, *wanted)
+    assert {name: found[name][-1] for name in wanted} == pytest.approx(wanted, rel=1e-5)
+
+
+def test_lines_stay_where_they_are():
+    text = """model M
+  Real x[3], y;
+equation
+  for i in
+      {1, 3} loop
+    x[i] = f(i=i) "first";
+    // of i
+  end for;
+  y = 2;
+end M;
+"""
+    changed = with_plain_iterators({"M.mo": text})["M.mo"].split("\n")
+    copies = 'x[1] = f(i=1) "first"; x [ 3 ] = f ( i = 3 ) "first" ;'
+    assert [line.strip() for line in changed[5:9]] == [copies, "", "", "y = 2;"]
+
+
+@pytest.mark.parametrize(
+    "loop",
+    [
+        "for i in {1, 2} loop x := i; if x > 1 then break; end if; end for;",  # would leave one copy only
+        "for v in w loop w[2] := v; end for;",  # runs over what w was
+        "for i in 1:3, j in i:4 loop x := i*j; end for;",
+    ],
+)
+def test_loops_that_would_mean_something_else_stay(loop):
+    assert not with_plain_iterators({"M.mo": f"model M\nalgorithm\n  {loop}\nend M;\n"})
