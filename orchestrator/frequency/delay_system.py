@@ -148,7 +148,7 @@ class DelaySystem(DelayEquation):
 
     @cached_property
     def _kept(self) -> dict[tuple[str, ...], tuple[Complex, Complex]]:
-        """The grid that connections were last opened on, and what came back; that of all under ()."""
+        """The grid that connections were last opened on, and what came back."""
         return {}
 
     def _opened(self, connections: Sequence[str], s: Complex) -> Complex:
@@ -156,12 +156,13 @@ class DelaySystem(DelayEquation):
         if len(s) < _GRID:
             return self._open(connections, s)
         if name not in self._kept or not np.array_equal(self._kept[name][0], s):
-            shared = () in self._kept and np.array_equal(self._kept[()][0], s)
-            if shared and len(name) == 1 and len(self.states) <= SMALL:
-                self._kept.update({(one,): (s, back) for one, back in self._each(s).items()})
-            if name not in self._kept or not np.array_equal(self._kept[name][0], s):
-                self._kept[name] = s, self._open(connections, s)
+            self._kept[name] = s, self._open(connections, s)
         return self._kept[name][1]
+
+    def _open_all(self, s: Complex) -> None:
+        """Open each connection on its own on a grid, if none of them is known there yet."""
+        if len(self.states) <= SMALL and not any(np.array_equal(at, s) for at, _ in self._kept.values()):
+            self._kept.update({(one,): (s, back) for one, back in self._each(s).items()})
 
     def _each(self, s: Complex) -> dict[str, Complex]:
         """`_opened` of every connection with one target on its own, by one factorisation of the closed loop.
@@ -338,7 +339,7 @@ class DelaySystem(DelayEquation):
         """Margins of the loop through one connection, all crossovers considered."""
         modes = modes or self.modes()
         omega = self.frequencies(modes)
-        self._kept[()] = 1j * omega, 1j * omega
+        self._open_all(1j * omega)
 
         def response(s: Complex) -> Complex:
             return self.response(connection, s)

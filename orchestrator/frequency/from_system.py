@@ -1,10 +1,8 @@
 """A configured system -> the linear system with delays that it is around its start.
 
-Each FMU by its directional derivatives, or without them by its measured step responses. An input that acts
-on nothing at once stands behind a delay within the FMU: the delay is measured, by two runs of the FMU that
-differ in a step of the input. Delays of connections are exact, low-pass filters become states, sample and
-hold counts as a delay of half its period, and effects that are not linear count as one and are named. What
-the config's measures know beyond that, a point and laws of instances, is asked of them.
+`linear_parts` gives the equations of each instance. Delays of connections are exact, low-pass filters become
+states, sample and hold counts as a delay of half its period, and effects that are not linear count as one and
+are named. Measures of the config may know a point and laws of instances.
 """
 
 from __future__ import annotations
@@ -23,19 +21,14 @@ from ..results.measures import choose_measures
 from ..simulation.run import Prepared, prepare
 from ..system.external import ExternalFmu
 from ..system.signal_vector import Signals
-from ..system.system import Instance
-from .closing import chains_of, closed_system, sources
+from .closing import chains_of, closed_system
 from .delay_equation import Modes
 from .delay_system import FILTER, DelaySystem
-from .inner_delays import InnerDelay, inner_delays, uneven
-from .late_inputs import MEASURE, acts, find_late_input, idle_together
+from .inner_delays import InnerDelay
+from .linear_parts import KnownLaws, LinearParts, refusal
 from .margins import DelayMargin, Margins
-from .measured_part import measured_part
-from .measured_samples import sampled_law, sampling
-from .measured_states import from_start_values, start_outputs
 from .open_loop import OpenLoop
-from .statespace import LateInput, Law, StateSpace, linearised, real_ports, without_idle_integrators
-from .twin_runs import resumed
+from .statespace import LateInput, Law, StateSpace, linearised
 
 if TYPE_CHECKING:
     import control
@@ -43,7 +36,7 @@ if TYPE_CHECKING:
 
     from ..fmi import FmuInstance
 
-__all__ = ["Law", "LinearPoint", "Linearised", "linearise", "refusal"]
+__all__ = ["Law", "LinearPoint", "Linearised", "linearise"]
 
 Array = NDArray[np.float64]
 
@@ -58,7 +51,7 @@ class LinearPoint:
     """
 
     start: Mapping[str, Mapping[str, Any]]
-    laws: Mapping[str, Law | Callable[[FmuInstance], Law]]
+    laws: KnownLaws
 
 
 @dataclass(frozen=True, repr=False)
@@ -94,7 +87,7 @@ class Linearised:
     breaks: tuple[str, ...] = ()
     start: Mapping[str, Mapping[str, Any]] | None = field(default_factory=dict)
     time: float | None = None
-    known: Mapping[str, Law | Callable[[FmuInstance], Law]] = field(default_factory=dict)
+    known: KnownLaws = field(default_factory=dict)
     closed: Callable[[Mapping[str, StateSpace]], DelaySystem] = field(kw_only=True)
 
     @property
@@ -243,258 +236,48 @@ def _started(prepared: Prepared, start: Mapping[str, Mapping[str, Any]]) -> Prep
     return replace(prepared, system=replace(prepared.system, instances=instances))
 
 
-def _linearised(
-    prepared: Prepared, at_time: float | None, laws: Mapping[str, Law | Callable[[FmuInstance], Law]]
-) -> Linearised:
-    system = prepared.system
-    problems: list[Problem] = []
-    notes: list[str] = []
-    parts: dict[str, StateSpace] = {}
-    known: dict[str, Law] = {}
-    hidden: dict[str, LateInput] = {}
-    inner: dict[str, tuple[InnerDelay, ...]] = {}
-    point: dict[str, float] = {}
-    breaks: list[str] = []
-    fed = {str(connection.target) for connection in system.connections}
-    seen = {str(leg) for connection in system.connections for leg in sources(connection)}
+def _linearised(prepared: Prepared, at_time: float | None, laws: KnownLaws) -> Linearised:
+    system, reached = prepared.system, at_time
     with instantiate(system) as instances:
         # Runs that go on from a time of the run may last longer than it.
         stop = float(prepared.grid.stop) if at_time is None else None
         signals = instances.initialise(float(prepared.grid.start), stop)
         if at_time is not None:
             reached = _advanced(instances, prepared, signals, at_time)
-            notes.append(f"linear around t = {reached:.9g} s of the run")
-        for one, running in zip(system.instances, instances.running, strict=True):
-            inputs = tuple(name for name, _ in real_ports(one.fmu) if f"{one.name}.{name}" in fed)
-            outputs = tuple(name for name, is_output in real_ports(one.fmu) if is_output)
-            read = tuple(name for name in outputs if f"{one.name}.{name}" in seen)
-            if one.name in laws:
-                law = laws[one.name]
-                known[one.name] = law if isinstance(law, Law) else law(running)
-                part = known[one.name].space
-                notes += [f"{one.name}: {note}" for note in known[one.name].notes]
-            elif refusal(one) is None:
-                part = linearised(one.fmu, running, inputs, outputs)
-            else:
-                none = np.zeros((0, 0))
-                part = StateSpace(none, none, none, none, (), (), ())
-            names = [name for name in part.states if name in one.fmu.description.variables]
-            values = running.get_values([*names, *inputs])
-            point |= {f"{one.name}.{name}": float(value) for name, value in values.items()}
-            parts[one.name] = part
-            if one.name in known:
-                continue
-            why = "offers no directional derivatives" if refusal(one) is not None else ""
-            if (
-                not why
-                and not part.states
-                and inputs
-                and any(not part.d[outputs.index(key)].any() for key in read)
-            ):
-                why = "names no states"
-            here: tuple[Instance, Prepared] | None = (one, prepared)
-            if at_time is not None and (why or not all(acts(part, name) for name in inputs)):
-                here = resumed(one, running, prepared, reached)
-            if here is None and why:
-                what = f"it {why}, and cannot save its state, which a measurement at that time begins with"
-                problems.append(Problem(one.name, what, "", _REMEDY))
-                continue
-            here = here or (one, prepared)
-            if why:
-                sampled = _by_samples(here[0], inputs, read, values, here[1])
-                if isinstance(sampled, Law):
-                    known[one.name] = sampled
-                    parts[one.name] = sampled.space
-                    notes += [f"{one.name}: {note}" for note in sampled.notes]
-                    continue
-                if sampled:
-                    problems.append(Problem(one.name, f"it {why}, and {sampled}", "", _REMEDY))
-                    continue
-                found = _by_steps(here[0], inputs, read, values, here[1], why)
-                if isinstance(found, str) and (states := start_outputs(one)):
-                    there = {**values, **running.get_values(states)}
-                    found = _by_start_values(one, inputs, read, there, here[1], why, found)
-                if isinstance(found, str) and refusal(one) is not None:
-                    problems.append(Problem(one.name, f"it {why}, and {found}", "", _REMEDY))
-                    continue
-                if not isinstance(found, str) and (refusal(one) is not None or found[0].states):
-                    parts[one.name], late, more = found
-                    hidden |= late
-                    notes += more
-                    continue
-                if isinstance(found, str) and not all(acts(part, name) for name in inputs):
-                    problems.append(Problem(one.name, f"it {why}, and {found}", "", MEASURE))
-                    continue
-            if refusal(one) is None and (broken := uneven(one, part, values, prepared)):
-                breaks.append(one.name)
-                notes.append(
-                    f"{one.name}: {listed(broken)} jumps or bends at the operating point, as at an event; "
-                    "roots and margins hold without that"
-                )
-            elif refusal(one) is None:
-                inner[one.name], unknown = inner_delays(one, part, values, prepared, read)
-                notes += [_inner_note(one, part, each) for each in inner[one.name]]
-                if unknown:
-                    breaks.append(one.name)
-                    notes.append(f"{one.name}: {unknown}")
-            idle = [name for name in inputs if not acts(part, name)]
-            if len(idle) < 2 or not idle_together(here[0], part, idle, values, here[1]):
-                idle = [
-                    name for name in idle
-                    if find_late_input(here[0], part, name, values, here[1], hidden, notes, problems)
-                ]  # fmt: skip
-            if idle:
-                notes.append(
-                    f"{one.name}: nothing depends on {listed(idle)} at the operating point, as in an open "
-                    "contact; loops through them are left open"
-                    + (". --at-time takes a time of the run instead" if at_time is None else "")
-                )
-    for one in system.instances:
-        if one.name not in known and not inner.get(one.name):
-            outputs = parts[one.name].outputs
-            shown = [name for name in outputs if f"{one.name}.{name}" in seen] or outputs
-            parts[one.name], idle, kept = without_idle_integrators(parts[one.name], shown)
-            hidden |= {
-                name: replace(hidden[name], gains=hidden[name].gains[kept])
-                for name in (f"{one.name}.{port}" for port in parts[one.name].inputs)
-                if name in hidden
-            }
-            if idle:
-                notes.append(f"{one.name}: no connection shows {listed(idle)}: the roots at 0 are left out")
+        parts = LinearParts(prepared, reached)
+        if reached is not None:
+            parts.notes.append(f"linear around t = {reached:.9g} s of the run")
+        parts.find(instances, laws)
+    known, notes = parts.laws, parts.notes
     chains, wrong = chains_of(system.connections, notes)
-    if problems or wrong:
-        raise ConfigError([*problems, *wrong])
+    if parts.problems or wrong:
+        raise ConfigError([*parts.problems, *wrong])
     chains = [
         replace(one, delay=one.delay + known[name].hold)
         if (name := one.target.partition(".")[0]) in known
         else one
         for one in chains
     ]
-    paths: dict[str, tuple[LateInput, ...]] = {name: (one,) for name, one in hidden.items()}
+    paths: dict[str, tuple[LateInput, ...]] = {name: (one,) for name, one in parts.late.items()}
     for name, law in known.items():
         paths |= {f"{name}.{port}": late for port, late in law.late.items()}
 
-    def closed(parts: Mapping[str, StateSpace]) -> DelaySystem:
-        return closed_system(parts, chains, paths, inner)
+    def closed(spaces: Mapping[str, StateSpace]) -> DelaySystem:
+        return closed_system(spaces, chains, paths, parts.inner)
 
     return Linearised(
-        closed(parts),
-        point,
+        closed(parts.spaces),
+        parts.point,
         tuple(dict.fromkeys(notes)),
-        parts,
-        hidden,
+        parts.spaces,
+        parts.late,
         known,
-        inner=inner,
+        inner=parts.inner,
         of_measures=tuple(laws),
-        breaks=tuple(breaks),
-        time=reached if at_time is not None else None,
+        breaks=tuple(parts.breaks),
+        time=reached,
         known=laws,
         closed=closed,
-    )
-
-
-def _by_samples(
-    one: Instance,
-    inputs: tuple[str, ...],
-    read: tuple[str, ...],
-    values: Mapping[str, Any],
-    prepared: Prepared,
-) -> Law | str:
-    """The law of an instance that samples; why it is not known; empty if the instance does not sample."""
-    if not inputs or not read:
-        return ""
-    values = {name: values[name] for name in inputs}
-    when = sampling(one, inputs, read, values, prepared)
-    if isinstance(when, str) or when is None:
-        return when or ""
-    found = sampled_law(one, inputs, read, values, prepared, when)
-    if isinstance(found, str):
-        return found
-    law, error = found
-    count = len(law.sampled.states) if law.sampled is not None else 0
-    states = f"{count} state{'' if count == 1 else 's'}"
-    text = (
-        f"samples every {law.period:.6g} s; its response from sample to sample was measured: {states}, error "
-        f"{100 * error:.2g} %; a held output counts as half a period late"
-    )
-    return replace(law, notes=(text,))
-
-
-def _by_steps(
-    one: Instance,
-    inputs: tuple[str, ...],
-    read: tuple[str, ...],
-    values: Mapping[str, Any],
-    prepared: Prepared,
-    why: str,
-) -> tuple[StateSpace, dict[str, LateInput], list[str]] | str:
-    """The state space of an instance by its step responses, inputs behind a delay, and notes."""
-    found = measured_part(one, inputs, read, {name: values[name] for name in inputs}, prepared)
-    if isinstance(found, str):
-        return found
-    part, delays, error = found
-    late = {}
-    for name, delay in delays.items():
-        column = inputs.index(name)
-        late[f"{one.name}.{name}"] = LateInput(delay, part.b[:, column].copy(), part.d[:, column].copy())
-        part.b[:, column], part.d[:, column] = 0.0, 0.0
-    if not inputs:
-        return part, late, [f"{one.name} {why} and has no connected input: its own motion is left out"]
-    within = f", after delays of {listed(f'{delay:.6g} s' for delay in delays.values())}" if delays else ""
-    count = f"{len(part.states)} state{'' if len(part.states) == 1 else 's'}"
-    text = f"{one.name} {why}; its step response was measured: {count}{within}, error {100 * error:.2g} %"
-    return part, late, [text, _UNSEEN] if read else []
-
-
-def _by_start_values(
-    one: Instance,
-    inputs: tuple[str, ...],
-    read: tuple[str, ...],
-    values: Mapping[str, Any],
-    prepared: Prepared,
-    why: str,
-    before: str,
-) -> tuple[StateSpace, dict[str, LateInput], list[str]] | str:
-    """The state space of an instance whose outputs with start values are its state, and notes.
-
-    Args: before: why its step responses do not give it.
-    """
-    found = from_start_values(one, inputs, read, values, prepared)
-    if isinstance(found, str):
-        return f"{before}; {found}"
-    part, error = found
-    text = (
-        f"{one.name} {why}; its outputs with start values are its {len(part.states)} states, and runs from "
-        f"changed ones were measured, error {100 * error:.2g} %"
-    )
-    return part, {}, [text]
-
-
-def _inner_note(one: Instance, part: StateSpace, inner: InnerDelay) -> str:
-    columns = np.array([*part.states, *part.inputs])[np.flatnonzero(inner.seen)]
-    rows = np.array([*part.states, *part.outputs])[np.flatnonzero([*inner.gains, *inner.through])]
-    return (
-        f"{one.name}: {listed(map(str, columns))} acts on {listed(map(str, rows))} after a delay of "
-        f"{inner.delay:.9g} s within the FMU (measured)"
-    )
-
-
-_UNSEEN = "of measured FMUs, motion that no connected input causes or no connected output shows is left out"
-_REMEDY = (
-    "Export it with providesDirectionalDerivative, or measure the loop with "
-    "orchestrator.frequency.sweep_system."
-)
-
-
-def refusal(one: Instance) -> Problem | None:
-    """Why an instance cannot be linearised by its directional derivatives."""
-    if one.fmu.description.capabilities.directional_derivatives and one.fmu.path is not None:
-        return None
-    return Problem(
-        one.name,
-        "it offers no directional derivatives",
-        "they give its linear equations",
-        _REMEDY,
     )
 
 

@@ -17,10 +17,8 @@ from numpy.typing import NDArray
 
 from ..base.errors import OrchestratorError, listed
 from ..fmi import FmuInstance, Point
-from ..simulation.run import Prepared
-from ..system.system import Instance
+from .alone import Alone, step_all
 from .statespace import StateSpace, differentiation, linearised, state_names
-from .twin_runs import step_all
 
 __all__ = ["InnerDelay", "initial_gains", "inner_delays", "uneven", "with_lines"]
 
@@ -63,34 +61,31 @@ class InnerDelay:
     through: Array
 
 
-def initial_gains(
-    one: Instance, part: StateSpace, values: Mapping[str, Any], prepared: Prepared, idle: bool = False
-) -> Array:
+def initial_gains(at: Alone, part: StateSpace, idle: bool = False) -> Array:
     """What initialisation adds to directional derivatives: gains of delays, which begin with their operand.
 
     Args:
-        part: by directional derivatives; values: of its states and inputs at the operating point, FMU's
-            units.
+        part: by directional derivatives.
         idle: with inputs that act on nothing at once, too.
     Returns: shape (n + p, n + m); 0 where a state has no start value that can be set.
     """
-    return _Runs(one, part, values, prepared, idle).gains()
+    return _Runs(at, part, idle).gains()
 
 
-def inner_delays(
-    one: Instance, part: StateSpace, values: Mapping[str, Any], prepared: Prepared, read: Collection[str]
-) -> tuple[tuple[InnerDelay, ...], str]:
+def inner_delays(at: Alone, part: StateSpace) -> tuple[tuple[InnerDelay, ...], str]:
     """The delays between states of an FMU, and of inputs that act on something at once, too.
 
-    Args: as `initial_gains`; read: outputs that a connection reads: delays before others act on nothing.
+    Delays before outputs that no connection reads act on nothing.
+
+    Args: part: by directional derivatives.
     Returns: the delays, and what could not be found; empty if nothing is left out.
     """
-    runs = _Runs(one, part, values, prepared)
+    runs = _Runs(at, part)
     try:
         gains = runs.gains()
     except OrchestratorError:  # it refuses to be initialised on its own
         return (), ""
-    gains[len(part.states) :][[name not in read for name in part.outputs]] = 0.0
+    gains[len(part.states) :][[name not in at.read for name in part.outputs]] = 0.0
     if not gains.any():
         return (), ""
     try:
@@ -100,13 +95,10 @@ def inner_delays(
     return ((), found) if isinstance(found, str) else (found, "")
 
 
-def uneven(one: Instance, part: StateSpace, values: Mapping[str, Any], prepared: Prepared) -> list[str]:
-    """Derivatives and outputs that jump or bend where the FMU stands, as at an event.
-
-    Args: as `initial_gains`.
-    """
+def uneven(at: Alone, part: StateSpace) -> list[str]:
+    """Derivatives and outputs that jump or bend where the FMU stands, as at an event."""
     try:
-        return _Runs(one, part, values, prepared).uneven()
+        return _Runs(at, part).uneven()
     except OrchestratorError:  # it refuses to be initialised on its own
         return []
 
@@ -114,29 +106,22 @@ def uneven(one: Instance, part: StateSpace, values: Mapping[str, Any], prepared:
 class _Runs:
     """Runs of one FMU on its own from changed start values."""
 
-    def __init__(
-        self,
-        one: Instance,
-        part: StateSpace,
-        values: Mapping[str, Any],
-        prepared: Prepared,
-        idle: bool = False,
-    ) -> None:
-        self.one, self.part, self.prepared = one, part, prepared
-        self.rates = [rate for rate, _ in state_names(one.fmu)]
+    def __init__(self, at: Alone, part: StateSpace, idle: bool = False) -> None:
+        self.at, self.part = at, part
+        self.rates = [rate for rate, _ in state_names(at.one.fmu)]
         self.rows = [*self.rates, *part.outputs]
         self.columns = [*part.states, *part.inputs]
-        self.values = {name: float(values[name]) for name in self.columns}
+        self.values = {name: float(at.values[name]) for name in self.columns}
         acts = np.vstack([part.b, part.d]).any(axis=0)
         self.chosen = [
             column
             for column, name in enumerate(self.columns)
-            if (column < len(part.states) and one.variable(name).settable)
+            if (column < len(part.states) and at.one.variable(name).settable)
             or (column >= len(part.states) and (idle or acts[column - len(part.states)]))
         ]
         self.heights = np.array(
             [
-                _CHANGE * (abs(value) or float(one.variable(name).nominal or 1.0))
+                _CHANGE * (abs(value) or float(at.one.variable(name).nominal or 1.0))
                 for name, value in self.values.items()
             ]
         )
@@ -144,19 +129,10 @@ class _Runs:
 
     def begun(self, changes: Array) -> FmuInstance:
         """An instance that is initialised with changed states and inputs, shape (n + m,)."""
-        grid, part = self.prepared.grid, self.part
-        instance = self.one.fmu.instantiate(f"{self.one.name} linearised")
         start = {name: self.values[name] + changes[column] for column, name in enumerate(self.columns)}
-        start = {name: value for name, value in start.items() if self.one.variable(name).settable}
-        try:
-            inputs = np.array([self.values[name] for name in part.inputs])
-            instance.bind(list(part.inputs), inputs, [], np.zeros(0))
-            instance.enter_initialisation(float(grid.start), {**self.one.start, **start}, None)
-            instance.exit_initialisation()
-        except BaseException:
-            instance.free()
-            raise
-        return instance
+        start = {name: value for name, value in start.items() if self.at.one.variable(name).settable}
+        inputs = np.array([self.values[name] for name in self.part.inputs])
+        return self.at.started(self.at.begin, start, inputs)
 
     def initial(self, changes: Array) -> Array:
         instance = self.begun(changes)
@@ -280,7 +256,7 @@ class _Runs:
             (k, runs, n + p).
         """
         part, n = self.part, len(self.part.states)
-        begin, step = float(self.prepared.grid.start), float(self.prepared.grid.step_size) / fine
+        begin, step = self.at.begin, self.at.step / fine
         still = np.array([self.values[name] for name in part.inputs])
         instances: list[FmuInstance] = []
         inputs = [still.copy() for _ in range(len(columns) + 1)]
@@ -299,7 +275,7 @@ class _Runs:
                 found = np.array([self.read(instance, names) for instance in instances])
                 found = found[1:] - found[0]
                 fed = np.array([one - still for one in inputs[1:]]).reshape(len(columns), -1)
-                here = linearised(self.one.fmu, instances[0], part.inputs, part.outputs)
+                here = linearised(self.at.one.fmu, instances[0], part.inputs, part.outputs)
                 jacobian = np.block([[here.a, here.b], [here.c, here.d]])
                 whole = np.hstack([found[:, :n], fed])
                 values.append(whole)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from collections.abc import Sequence
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from ..base.errors import OrchestratorError, Problem
-from ..simulation.run import Prepared
-from ..system.system import Instance
-from .measured_part import answer, differences, height_of, passage
+from ..base.errors import ConfigError, OrchestratorError, Problem
+from .alone import Alone
 from .statespace import LateInput, StateSpace
 
 __all__ = ["MEASURE", "acts", "find_late_input", "idle_together"]
@@ -38,62 +35,42 @@ def acts(part: StateSpace, name: str) -> bool:
     return bool(part.b[:, column].any() or part.d[:, column].any())
 
 
-def idle_together(
-    one: Instance, part: StateSpace, names: Sequence[str], values: Mapping[str, Any], prepared: Prepared
-) -> bool:
+def idle_together(at: Alone, part: StateSpace, names: Sequence[str]) -> bool:
     """Whether nothing answers a step of all these inputs at once: two long runs in place of two for each."""
     watched = list(dict.fromkeys([*part.states, *part.outputs]))
-    values = {key: values[key] for key in part.inputs}
     # Shares that differ do not cancel.
-    step = np.array([height_of(one, name, values) * (1.0 - 0.07 * k) for k, name in enumerate(names)])
+    step = np.array([at.height(name) * (1.0 - 0.07 * k) for k, name in enumerate(names)])
     try:
-        runs = differences(one, names, values, watched, prepared, [step] * _MOST_STEPS)
+        runs = at.differences(names, watched, [step] * _MOST_STEPS)
         return not any(found.any() for found in runs)
     except OrchestratorError:
         return False
 
 
-def find_late_input(
-    one: Instance,
-    part: StateSpace,
-    name: str,
-    values: Mapping[str, Any],
-    prepared: Prepared,
-    hidden: dict[str, LateInput],
-    notes: list[str],
-    problems: list[Problem],
-) -> bool:
-    """An input that acts on nothing at once: the delay that it stands behind, or why there is none.
+def find_late_input(at: Alone, part: StateSpace, name: str) -> LateInput | None:
+    """The delay behind which an input stands that acts on nothing at once; None if it acts on nothing later.
 
-    Returns: whether it acts on nothing later, either.
+    Raises: ConfigError if what it acts on later is no pure delay.
     """
-    found = _measured(one, part, name, values, prepared)
-    if found == "idle":
-        return True
+    found = _measured(at, part, name)
     if isinstance(found, str):
         what = f"at the operating point input {name} changes no output and no state's derivative at once"
         between = "an inactive part of the model, as an open contact, a delay or a sample lies between"
-        problems.append(Problem(one.name, f"{what}: {between}; {found}", "", MEASURE))
-    else:
-        hidden[f"{one.name}.{name}"] = found
-        notes.append(f"{one.name}.{name} acts after a delay of {found.delay:.9g} s within the FMU (measured)")
-    return False
+        raise ConfigError([Problem(at.one.name, f"{what}: {between}; {found}", "", MEASURE)])
+    return found
 
 
-def _measured(
-    one: Instance, part: StateSpace, name: str, values: Mapping[str, Any], prepared: Prepared
-) -> LateInput | Literal["idle"] | str:
+def _measured(at: Alone, part: StateSpace, name: str) -> LateInput | str | None:
     """The delay between an input and the states, from two runs that differ in a step of it.
 
-    Returns: "idle" if nothing answers a small step, else why what answers is no delay before the states.
+    Returns: None if nothing answers a small step, else why what answers is no delay before the states.
     """
-    step = float(prepared.grid.step_size)
+    step = at.step
     watched = [*part.states, *(key for key in part.outputs if key not in part.states)]
-    height = height_of(one, name, values)
-    floor = np.array([_SOLVED * abs(float(values.get(key, 0.0))) for key in watched]) / height
-    values = {key: values[key] for key in part.inputs}
+    height = at.height(name)
+    floor = np.array([_SOLVED * abs(float(at.values.get(key, 0.0))) for key in watched]) / height
     try:
-        found = answer(one, name, values, watched, prepared, _MOST_STEPS, 4 * _SAMPLES)
+        found = at.answer(name, watched, _MOST_STEPS, 4 * _SAMPLES)
     except OrchestratorError as error:
         return f"it cannot be run on its own to look for a delay: {str(error).splitlines()[0]}"
     size = np.max(abs(found), axis=0)
@@ -101,14 +78,14 @@ def _measured(
     scale = np.where(size > 0.0, size, 1.0)
     moved = np.flatnonzero(np.max(abs(found) / scale, axis=1) > 1e-9)
     if not moved.size:
-        return "idle"
-    half = answer(one, name, values, watched, prepared, len(found) - 1, len(found), 0.5)
+        return None
+    half = at.answer(name, watched, len(found) - 1, len(found), 0.5)
     count = min(len(half), len(found))
     # What half the step answers by another share is of higher order.
     other = np.max(abs(half[:count] - found[:count]), axis=0)
     none = (other >= (1.0 - _BENT) * size) | (size < floor)
     if np.all(none):
-        return "idle"
+        return None
     found[:, none], size = 0.0, np.where(none, 0.0, size)
     scale = np.where(size > 0.0, size, 1.0)
     states = len(part.states)
@@ -124,7 +101,7 @@ def _measured(
         if np.max(abs(found[rows] - jump) / scale) > _LEFT:
             return unlike
         which = int(np.argmax(size))
-        delay = passage(one, name, values, watched[which], prepared, step * max(onset - 1, 0))
+        delay = at.passage(name, watched[which], step * max(onset - 1, 0))
         return LateInput(delay, np.zeros(states), jump[outputs])
     wanted = found[rows, :states] / scale[:states]
     transition, whole = scipy.linalg.expm(part.a * step), _integral(part.a, step)

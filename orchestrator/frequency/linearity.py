@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from ..base.errors import OrchestratorError
 from ..simulation.run import Prepared
 from ..system.system import Instance
+from .alone import Alone
 from .delay_equation import Mode, Modes
 from .from_system import Linearised
-from .measured_part import differences
 from .sampled_system import SampledPart, sampled_part
 from .statespace import LateInput
 
@@ -139,6 +139,7 @@ def _worst(
         return None
     seen = [name for name in part.space.outputs if _read(linear, f"{one.name}.{name}")]
     values = {name: linear.point[f"{one.name}.{name}"] for name in part.space.inputs}
+    at = Alone(one, prepared, tuple(part.space.inputs), tuple(seen), values)
     share = np.array([moved[f"{one.name}.{name}"] for name in inputs])
     usual = [abs(float(values[name])) or float(one.variable(name).nominal or 1.0) for name in inputs]
     share = share * _HEIGHT / np.max(abs(share) / usual)
@@ -148,7 +149,7 @@ def _worst(
 
     def answers(factor: float) -> Array:
         motion = [*still, *(factor * course)]
-        known = list(differences(one, inputs, values, seen, prepared, motion, 1.0 / stretch))
+        known = list(at.differences(inputs, seen, motion, 1.0 / stretch))
         known = known[_SETTLE + 1 :]
         return np.array(known).reshape(len(known), len(seen)) / factor
 

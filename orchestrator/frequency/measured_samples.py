@@ -8,17 +8,15 @@ after whole periods, and states stand for the rest.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import OrchestratorError
-from ..simulation.run import Prepared
-from ..system.system import Instance
-from .measured_part import FIT, answer, continuous, realised, scaled
+from .alone import Alone
+from .measured_part import FIT, continuous, realised, scaled
 from .statespace import LateInput, Law, StateSpace
 
 __all__ = ["Sampling", "sampled_law", "sampling"]
@@ -48,19 +46,12 @@ class Sampling:
     ends: bool
 
 
-def sampling(
-    one: Instance,
-    inputs: Sequence[str],
-    outputs: Sequence[str],
-    values: Mapping[str, Any],
-    prepared: Prepared,
-) -> Sampling | str | None:
+def sampling(at: Alone) -> Sampling | str | None:
     """When an FMU samples its inputs.
 
-    Args: inputs, outputs: connected ones; values: of the inputs at the operating point, FMU's units.
     Returns: None if it does not, or does faster than can be seen; or why its samples are of no use here.
     """
-    first = _first_answers(one, inputs, outputs, values, prepared)
+    first = _first_answers(at)
     if first is None:
         return None
     # By where a step of the input begins, the short step at whose end it is answered.
@@ -86,23 +77,17 @@ def sampling(
     begins = edges[0] % period == 1
     if edges[0] % period > 1:
         return "its samples do not begin with the run"
-    return Sampling(float(prepared.grid.step_size) * period / _FINE, begins, ends or not begins)
+    return Sampling(at.step * period / _FINE, begins, ends or not begins)
 
 
-def _first_answers(
-    one: Instance,
-    inputs: Sequence[str],
-    outputs: Sequence[str],
-    values: Mapping[str, Any],
-    prepared: Prepared,
-) -> Any:
+def _first_answers(at: Alone) -> Callable[[int], int | None] | None:
     """The first short step at whose end an output answers a step of an input, by where the step begins."""
-    for name in inputs:
+    for name in at.inputs:
 
         def first(offset: int, name: str = name) -> int | None:
             begin = _FINE * _LONGEST + offset
             steps = _FINE * _LONGEST * 2
-            moved = answer(one, name, values, outputs, prepared, steps, 0, settle=begin, fine=_FINE)
+            moved = at.answer(name, at.read, steps, 0, settle=begin, fine=_FINE)
             places = np.flatnonzero(np.any(moved != 0.0, axis=1))
             return offset + int(places[0]) if places.size else None
 
@@ -114,32 +99,22 @@ def _first_answers(
     return None
 
 
-def sampled_law(
-    one: Instance,
-    inputs: tuple[str, ...],
-    outputs: tuple[str, ...],
-    values: Mapping[str, Any],
-    prepared: Prepared,
-    when: Sampling,
-) -> tuple[Law, float] | str:
+def sampled_law(at: Alone, when: Sampling) -> tuple[Law, float] | str:
     """The law of an FMU that samples, by its answers to steps of its inputs.
 
-    Args: as `sampling`; when: what it found.
+    Args: when: what `sampling` found.
     Returns: the law and the relative error of its step responses; or why there is none.
     """
-    step = float(prepared.grid.step_size) / _FINE
+    step = at.step / _FINE
     # Samples within a communication step see its one value of the input.
     every = max(round(when.period / step), _FINE)
     try:
         whole, half = (
-            [
-                answer(one, name, values, outputs, prepared, every * _SAMPLES, every * _SAMPLES, *more)
-                for name in inputs
-            ]
+            [at.answer(name, at.read, every * _SAMPLES, every * _SAMPLES, *more) for name in at.inputs]
             for more in ((1.0, every * _SETTLE, _FINE), (0.5, 2 * every * _SETTLE, _FINE))
         )
-    except OrchestratorError as error:
-        return f"it cannot be run on its own to measure its response: {str(error).splitlines()[0]}"
+    except OrchestratorError as refused:
+        return f"it cannot be run on its own to measure its response: {str(refused).splitlines()[0]}"
     # What a sample gives is seen at its instant, or a short step later.
     places = np.arange(0 if when.begins else every, min(map(len, (*whole, *half))) - 1, every) + when.begins
     if len(places) < 12:
@@ -150,7 +125,7 @@ def sampled_law(
         for one_size in (whole, half)
     )
     markov = np.diff(response, axis=0)
-    law = _law(markov, every * step, inputs, outputs)
+    law = _law(markov, every * step, at.inputs, at.read)
     if isinstance(law, str):
         return law
     size = abs(response).max(axis=0)

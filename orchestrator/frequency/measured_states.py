@@ -8,8 +8,7 @@ kept from step to step.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 import scipy.linalg
@@ -17,11 +16,10 @@ from numpy.typing import NDArray
 
 from ..base.errors import OrchestratorError
 from ..fmi import Initial, Kind, Point
-from ..simulation.run import Prepared
 from ..system.system import Instance
+from .alone import Alone, step_all
 from .measured_part import FIT
 from .statespace import StateSpace
-from .twin_runs import step_all
 
 __all__ = ["from_start_values", "start_outputs"]
 
@@ -44,30 +42,21 @@ def start_outputs(one: Instance) -> tuple[str, ...]:
     )
 
 
-def from_start_values(
-    one: Instance,
-    inputs: tuple[str, ...],
-    outputs: tuple[str, ...],
-    values: Mapping[str, Any],
-    prepared: Prepared,
-) -> tuple[StateSpace, float] | str:
+def from_start_values(at: Alone) -> tuple[StateSpace, float] | str:
     """The state space of an FMU whose outputs with start values are its state.
 
-    Args:
-        inputs, outputs: connected ones.
-        values: of the inputs and `start_outputs` at the operating point, FMU's units.
-        prepared: the system; its grid begins at the operating point.
+    Args: at: with values of `start_outputs`, too.
     Returns: the state space, and the largest relative error with which it predicts runs of two steps from
         half the changes; or why there is none.
     """
-    runs = _Runs(one, start_outputs(one), inputs, outputs, values, prepared)
+    runs = _Runs(at, start_outputs(at.one))
     try:
         # An effort has a start value, too, but each step calculates it anew.
         runs.keep([column for column in range(len(runs.states)) if runs.difference(column, 1.0, 1).any()])
         if not runs.goes_on():
             return "its outputs with start values do not determine how it goes on"
         states = runs.states
-        n, m = len(states), len(inputs)
+        n, m = len(states), len(at.inputs)
         whole = np.array([runs.difference(column, 1.0, 1)[0] for column in range(n + m)]).T
         longer = np.array([runs.difference(column, 0.5, _PREDICTED)[-1] for column in range(n + m)]).T
     except OrchestratorError as refused:
@@ -82,53 +71,42 @@ def from_start_values(
     made = scipy.linalg.logm(held)
     if np.max(abs(np.imag(made)), initial=0.0) > 1e-9 * np.max(abs(made), initial=0.0):
         return "it alternates from step to step: it has no continuous states"
-    a_b = np.real(made)[:n] / float(prepared.grid.step_size)
+    a_b = np.real(made)[:n] / at.step
     power = np.linalg.matrix_power(held, _PREDICTED)
     predicted = np.vstack([power[:n], c @ power[:n] + np.hstack([np.zeros_like(c), d])])
     error = runs.largest(predicted - longer, longer)
     if not error <= FIT:
         return f"runs from its start values differ by {100 * error:.2g} % from those of linear equations"
-    return StateSpace(a_b[:, :n], a_b[:, n:], c, d, states, inputs, outputs), error
+    return StateSpace(a_b[:, :n], a_b[:, n:], c, d, states, at.inputs, at.read), error
 
 
 class _Runs:
     """Runs of one FMU on its own from changed start values and inputs."""
 
-    def __init__(
-        self,
-        one: Instance,
-        states: tuple[str, ...],
-        inputs: tuple[str, ...],
-        outputs: tuple[str, ...],
-        values: Mapping[str, Any],
-        prepared: Prepared,
-    ) -> None:
-        self.one, self.states, self.inputs, self.outputs, self.values = one, states, inputs, outputs, values
-        self.begin, self.step = float(prepared.grid.start), float(prepared.grid.step_size)
+    def __init__(self, at: Alone, states: tuple[str, ...]) -> None:
+        self.at, self.states = at, states
         self.keep(range(len(states)))
 
     def keep(self, columns: Iterable[int]) -> None:
         """Take some of the states only."""
         self.states = tuple(self.states[column] for column in columns)
-        names = (*self.states, *self.inputs)
-        self.point = np.array([float(self.values[name]) for name in names])
-        nominal = [float(self.one.variable(name).nominal or 1.0) for name in names]
+        names = (*self.states, *self.at.inputs)
+        self.point = np.array([float(self.at.values[name]) for name in names])
+        nominal = [float(self.at.one.variable(name).nominal or 1.0) for name in names]
         self.heights = _CHANGE * np.maximum(abs(self.point), nominal)
 
     def course(self, at: Array, steps: int, begin: int = 0) -> Array:
         """States and outputs after each step from a point, shape (steps, n + p)."""
-        n, found = len(self.states), []
-        instance = self.one.fmu.instantiate(f"{self.one.name} linearised")
+        n, found, step = len(self.states), [], self.at.step
+        start = dict(zip((*self.states, *self.at.inputs), map(float, at), strict=True))
+        names = (*self.states, *self.at.read)
+        instance = self.at.started(self.at.begin + begin * step, start, at[n:].copy())
         try:
-            start = dict(zip((*self.states, *self.inputs), map(float, at), strict=True))
-            instance.bind(list(self.inputs), at[n:].copy(), [], np.zeros(0))
-            instance.enter_initialisation(self.begin + begin * self.step, {**self.one.start, **start}, None)
-            instance.exit_initialisation()
             for index in range(begin, begin + steps):
-                if not step_all([instance], Point(index, self.begin + index * self.step, self.step)):
+                if not step_all([instance], Point(index, self.at.begin + index * step, step)):
                     break
-                known = instance.get_values([*dict.fromkeys((*self.states, *self.outputs))])
-                found.append([float(known[name]) for name in (*self.states, *self.outputs)])
+                known = instance.get_values([*dict.fromkeys(names)])
+                found.append([float(known[name]) for name in names])
         finally:
             instance.free()
         return np.array(found)

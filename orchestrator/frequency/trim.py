@@ -15,9 +15,10 @@ from ..fmi import Variable
 from ..master.running_instances import instantiate
 from ..simulation.run import Prepared
 from ..system.system import Instance, System
+from .alone import Alone
 from .closing import chains_of
-from .from_system import refusal
 from .inner_delays import initial_gains
+from .linear_parts import refusal
 from .statespace import StateSpace, linearised, real_ports, state_names
 
 __all__ = ["Trimmed", "TrimmedState", "trim", "trim_text"]
@@ -238,7 +239,8 @@ class _Search:
 
     def _at_rest(self, one: Instance, part: StateSpace, values: Mapping[str, Any]) -> StateSpace:
         """With the steady effect of delays within the FMU: at the start they pass on what they are given."""
-        made, n = initial_gains(one, part, values, self.prepared, idle=True), len(part.states)
+        at = Alone(one, self.prepared, part.inputs, part.outputs, values)
+        made, n = initial_gains(at, part, idle=True), len(part.states)
         return replace(
             part,
             a=part.a + made[:n, :n],

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import orchestrator as orc
+from orchestrator.frequency.alone import Alone
 from orchestrator.frequency.measured_states import from_start_values, start_outputs
 from orchestrator.simulation.run import prepare
 from orchestrator.translate.python_fmu import build_python_fmu
@@ -61,7 +62,7 @@ def pendulum(folder, hidden):
 def measured(system, values):
     prepared = prepare(system.data)
     (one,) = prepared.system.instances
-    return one, from_start_values(one, ("torque",), ("angle", "pull"), values, prepared)
+    return one, from_start_values(Alone(one, prepared, ("torque",), ("angle", "pull"), values))
 
 
 @pytest.mark.parametrize(("angle", "rate", "torque"), [(0.8, 0.1, 0.0), (-0.4, 2.0, 3.0)])
