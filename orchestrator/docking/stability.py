@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import ConfigError, OrchestratorError, Problem, listed
-from ..frequency.delay_equation import Mode, Modes
 from ..frequency.from_system import Law, Linearised, LinearPoint, linearise
+from ..frequency.modes import Mode, Modes
 from ..frequency.statespace import StateSpace
 from ..results.measures import choose_measures
 from ..results.recorders import parameters_of

@@ -5,7 +5,7 @@ Imports `exchange` and the packages below it.
 
 from .chart import chart_of, config_chart
 from .chart_report import Chart, chart_figure
-from .delay_equation import Link, Mode, Modes
+from .delay_equation import Link
 from .delay_system import DelaySystem
 from .describing import LimitCycle, describing_function, limit_cycles
 from .disk import DiskMargin, disk_margin
@@ -13,6 +13,7 @@ from .excite import sweep_system
 from .from_system import Law, Linearised, LinearPoint, linearise
 from .margins import Crossover, Margins
 from .measured_response import sweep
+from .modes import Mode, Modes
 from .open_loop import OpenLoop
 from .over_parameter import parameter_range
 from .sampled_system import SampledSystem, sampled_system

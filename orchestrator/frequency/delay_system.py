@@ -14,8 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from ..base import graph
 from ..base.errors import ConfigError, Problem, listed, nearest
 from ..translate.linear_model import as_state_space
-from .delay_equation import SMALL, DelayEquation, Link, Modes, in_parts
+from .characteristic_roots import CharacteristicRoots
+from .delay_equation import SMALL, Link, in_parts
 from .margins import FAR, Crossover, DelayMargin, Margins, borne_delay, gain_crossovers
+from .modes import Modes
 from .refine import minima, zeros
 
 if TYPE_CHECKING:
@@ -37,7 +39,7 @@ _GRID = 1000
 _DIPS = 4
 
 
-class DelaySystem(DelayEquation):
+class DelaySystem(CharacteristicRoots):
     """A closed linear system with delays and its loops."""
 
     @staticmethod

@@ -24,8 +24,8 @@ from ..effects.rate_limit import RateLimit
 from ..effects.relay import Relay
 from ..effects.saturate import Saturate
 from ..simulation.run import Prepared
-from .delay_equation import Modes
 from .from_system import Linearised
+from .modes import Modes
 
 __all__ = ["LimitCycle", "describing_function", "limit_cycles", "limit_cycles_text"]
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .delay_equation import Modes
 from .delay_system import DelaySystem
+from .modes import Modes
 from .refine import minima
 
 __all__ = ["DiskMargin", "disk_margin", "sensitivity"]

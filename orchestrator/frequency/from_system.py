@@ -22,11 +22,11 @@ from ..simulation.run import Prepared, prepare
 from ..system.external import ExternalFmu
 from ..system.signal_vector import Signals
 from .closing import chains_of, closed_system
-from .delay_equation import Modes
 from .delay_system import FILTER, DelaySystem
 from .inner_delays import InnerDelay
 from .linear_parts import KnownLaws, LinearParts, refusal
 from .margins import DelayMargin, Margins
+from .modes import Modes
 from .open_loop import OpenLoop
 from .statespace import LateInput, Law, StateSpace, linearised
 

@@ -19,9 +19,9 @@ from ..base.errors import OrchestratorError
 from ..simulation.run import Prepared
 from ..system.system import Instance
 from .alone import Alone
-from .delay_equation import Mode, Modes
 from .from_system import Linearised
-from .sampled_system import SampledPart, sampled_part
+from .modes import Mode, Modes
+from .sampled_part import SampledPart, sampled_part
 from .statespace import LateInput
 
 __all__ = ["Unlike", "linearity_text", "unlike_parts"]

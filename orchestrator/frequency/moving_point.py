@@ -14,8 +14,8 @@ import numpy as np
 from ..base.errors import OrchestratorError
 from ..master.running_instances import Instances, instantiate
 from ..simulation.run import Prepared
-from .delay_equation import Modes
 from .from_system import Linearised
+from .modes import Modes
 from .statespace import StateSpace
 
 __all__ = ["momentary_roots"]

@@ -15,8 +15,8 @@ from ..base.errors import ConfigError, Problem
 from ..base.quantities import Measure, quantity
 from ..base.units import parse_unit
 from ..simulation.run import Prepared, prepare
-from .delay_equation import Modes
 from .from_system import linearise
+from .modes import Modes
 from .sampled_system import SampledSystem, sampled_system
 from .step_report import resting_roots, with_step
 from .trim import trim

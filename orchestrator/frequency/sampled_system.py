@@ -2,24 +2,20 @@
 
 Every FMU is taken to solve its linear equations exactly over a step, for the course of its inputs that the
 master gives it: held, extrapolated or interpolated. Delays of connections lie on the line between two
-instants, as in a run; delays within FMUs are exact. Eigenvalues z of the matrix give the roots log(z)/period.
-Delays of many steps are kept as powers of z, so that the matrix stays small.
+instants, as in a run; delays within FMUs are exact.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, lru_cache
-from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
-from ..base.errors import ConfigError, OrchestratorError, Problem
+from ..base.errors import ConfigError, Problem
 from ..effects.sample_and_hold import SampleAndHold
 from ..master.extrapolation import weights
 from ..master.gauss_seidel import GaussSeidel
@@ -28,200 +24,17 @@ from ..master.jacobi import Jacobi
 from ..simulation.run import Prepared
 from ..system.signal_vector import Layout
 from .connections import Feed
-from .delay_equation import Mode
 from .from_system import Linearised
-from .inner_delays import with_lines
-from .statespace import LateInput, Law, StateSpace
+from .sampled_modes import Late, SampledSystem
+from .sampled_part import Part, SampledPart, sampled_part
+from .statespace import Law
 
-__all__ = ["Late", "SampledPart", "SampledSystem", "sampled_part", "sampled_system"]
+__all__ = ["SampledSystem", "sampled_system"]
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _MOST_ROWS = 50_000
 _MOST_STEPS = 1000
-_SHOWN = 6
-# Eigenvalues below this size have decayed after a few steps.
-_GONE = 1e-6
-# Up to this size all eigenvalues of the whole matrix are found at once.
-_DENSE = 300
-_RADIUS = 1.0 + 1e-8
-_TURN = 0.7
-# Radii that Newton's method begins at, and the least of a root that it looks for.
-_STARTS = (1.0, 0.97, 0.85)
-_LEAST = 0.3
-_RESIDUAL = 1e-12
-_MOST_ANGLES = 200_000
-
-
-class Late(NamedTuple):
-    """What a signal adds to the whole state so many periods later.
-
-    Attributes:
-        lag: periods.
-        head: row of the signal.
-        column: what it adds, shape (n,).
-    """
-
-    lag: int
-    head: int
-    column: Array
-
-
-@dataclass(frozen=True)
-class SampledSystem:
-    """What a master makes of a linear system: z(k+1) = M z(k) + sum of column z_head(k - lag).
-
-    Attributes:
-        step_size: the communication step [s].
-        period: after which holds and instances with longer steps repeat: the step or a multiple of it [s].
-        core: M, shape (n, n).
-        late: what delays add; together with M they are one matrix of `size` rows.
-        states: name of the continuous state in each row; empty for held signals and what effects remember.
-        resting: eigenvalues 1 that the continuous system has as roots 0, such as of integrators.
-    """
-
-    step_size: float
-    period: float
-    core: Array
-    late: tuple[Late, ...]
-    states: tuple[str, ...]
-    resting: int
-
-    @cached_property
-    def _longest(self) -> dict[int, int]:
-        longest: dict[int, int] = {}
-        for one in self.late:
-            longest[one.head] = max(longest.get(one.head, 0), one.lag)
-        return longest
-
-    @property
-    def size(self) -> int:
-        """Numbers that the whole state consists of."""
-        return len(self.core) + sum(self._longest.values())
-
-    @cached_property
-    def matrix(self) -> Array:
-        """The whole state's, shape (size, size); its first rows are those of `core`."""
-        n = len(self.core)
-        whole = np.zeros((self.size, self.size))
-        whole[:n, :n] = self.core
-        low = n
-        for head, length in self._longest.items():
-            whole[low, head] = 1.0
-            whole[np.arange(low + 1, low + length), np.arange(low, low + length - 1)] = 1.0
-            for one in self.late:
-                if one.head == head:
-                    whole[:n, low + one.lag - 1] += one.column
-            low += length
-        return whole
-
-    @cached_property
-    def _eigenvalues(self) -> Complex:
-        """All of them, of a small system."""
-        return np.linalg.eigvals(self.matrix).astype(np.complex128)
-
-    @cached_property
-    def unstable(self) -> int:
-        """How many eigenvalues lie outside the unit circle, those `resting` left out.
-
-        Of large systems they are counted by the argument principle, outside a circle of radius 1 + 1e-8.
-        Raises: OrchestratorError if one lies on this circle.
-        """
-        if self.size <= _DENSE:
-            return int(np.sum(np.abs(self._moving(self._eigenvalues)) > 1.0 + 1e-10))
-        angle = np.concatenate([[0.0], np.geomspace(1e-9, np.pi, 500)])
-        sign = self._signs(_RADIUS * np.exp(1j * angle))
-        while True:
-            turn = np.angle(sign[1:] / sign[:-1])
-            rough = np.flatnonzero(abs(turn) > _TURN)
-            if not rough.size:
-                return -round(float(np.sum(turn)) / np.pi)
-            if min(np.diff(angle)[rough]) < 1e-13 or len(angle) > _MOST_ANGLES:
-                raise OrchestratorError("an eigenvalue of the sampled system lies on the unit circle")
-            middle = 0.5 * (angle[rough] + angle[rough + 1])
-            angle = np.insert(angle, rough + 1, middle)
-            sign = np.insert(sign, rough + 1, self._signs(_RADIUS * np.exp(1j * middle)))
-
-    def _at(self, z: Complex) -> Complex:
-        """M with what is late at eigenvalues z, shape (len(z), n, n)."""
-        made = np.broadcast_to(self.core, (len(z), *self.core.shape)).astype(np.complex128)
-        for one in self.late:
-            made[:, :, one.head] += (z**-one.lag)[:, None] * one.column
-        return made
-
-    def _signs(self, z: Complex) -> Complex:
-        """det(1 - M/z) over its size."""
-        eye = np.eye(len(self.core))
-        parts = np.array_split(z, max(len(z) * len(eye) ** 2 // 1_000_000, 1))
-        return np.concatenate(
-            [np.linalg.slogdet(eye - self._at(one) / one[:, None, None])[0] for one in parts]
-        )
-
-    def _moving(self, z: Complex) -> Complex:
-        """The eigenvalues without those that rest, the largest first."""
-        near = np.argsort(abs(z - 1.0))[: self.resting]
-        near = near[abs(z[near] - 1.0) < 1e-5]
-        left = np.delete(z, near)
-        return left[np.argsort(-abs(left), kind="stable")]
-
-    def modes(self, count: int = _SHOWN) -> tuple[Mode, ...]:
-        """The `count` modes with the largest |z|, and those of `resting` left out.
-
-        Of large systems they are found by Newton's method from all around the unit circle.
-
-        Returns: roots log(z)/period [1/s]; the residual is that of the eigenvector, relative to the matrix.
-        """
-        z = self._eigenvalues if self.size <= _DENSE else self._searched()
-        wanted = self._moving(z[z.imag >= 0.0])
-        return tuple(self._mode(complex(one)) for one in wanted[abs(wanted) > _GONE][:count])
-
-    def _mode(self, z: complex) -> Mode:
-        matrix = self._at(np.array([z]))[0]
-        left, values, right = np.linalg.svd(z * np.eye(len(matrix)) - matrix)
-        share = abs(left[:, -1] * right[-1])
-        share = np.where([bool(name) for name in self.states], share, 0.0)
-        share = share / share.sum() if share.sum() else share
-        order = [index for index in np.argsort(-share) if share[index] > 1e-3]
-        named = tuple((self.states[index], float(share[index])) for index in order)
-        return Mode(complex(np.log(z) / self.period), float(values[-1] / values[0]), named)
-
-    def _searched(self) -> Complex:
-        """Eigenvalues near the unit circle, and those inside that lie near them."""
-        angles = np.concatenate([[0.0], np.geomspace(1e-6, np.pi, 60 if len(self.core) <= 100 else 20)])
-        found: list[complex] = []
-        for start in np.outer(_STARTS, np.exp(1j * angles)).ravel():
-            guesses = np.linalg.eigvals(self._at(np.array([start]))[0])
-            for guess in guesses[np.argsort(abs(guesses - start))[:2]]:
-                z = self._newton(complex(guess))
-                if z is not None and not any(abs(z - one) <= 1e-8 * abs(one - 1.0) + 1e-13 for one in found):
-                    found.append(z)
-        return np.array(found, np.complex128)
-
-    def _newton(self, z: complex) -> complex | None:
-        eye, vector = np.eye(len(self.core)), None
-        # Further in, what is late outgrows all else.
-        least = max(_LEAST, math.exp(-25.0 / max(self._longest.values(), default=1)))
-        for _ in range(40):
-            if not least < abs(z) < 10.0:
-                return None
-            matrix = z * eye - self._at(np.array([z]))[0]
-            slope = eye.astype(np.complex128)
-            for one in self.late:
-                slope[:, one.head] += one.lag * z ** (-one.lag - 1) * one.column
-            if vector is None:
-                vector = np.linalg.svd(matrix)[2][-1].conj()
-                norm = vector.conj()
-            whole = np.block([[matrix, (slope @ vector)[:, None]], [norm[None], np.zeros((1, 1))]])
-            try:
-                step = np.linalg.solve(whole, np.concatenate([-(matrix @ vector), [1.0 - norm @ vector]]))
-            except np.linalg.LinAlgError:
-                return None
-            vector, z = vector + step[:-1], z + complex(step[-1])
-            if abs(step[-1]) <= 1e-14:
-                z = complex(z.real, abs(z.imag) if abs(z.imag) > 1e-13 else 0.0)
-                return z if least < abs(z) and self._mode(z).residual < _RESIDUAL else None
-        return None
 
 
 def sampled_system(prepared: Prepared, linear: Linearised, resting: int = 0) -> SampledSystem:
@@ -235,133 +48,6 @@ def sampled_system(prepared: Prepared, linear: Linearised, resting: int = 0) -> 
         steps, for a step that has no solution, and for delays of too many steps.
     """
     return _Steps(prepared, linear).assembled(resting)
-
-
-class Part:
-    """x' = A x + B u, y = C x + D u over one step; u a polynomial, some of its effect later by a delay."""
-
-    def __init__(self, space: StateSpace, late: Mapping[str, LateInput], step: float, order: int) -> None:
-        self.space, self.step, self.order = space, step, order
-        n = len(space.a)
-        self.transition, *self.fed = _over(space.a, space.b, step)
-        self.late = []
-        self.size = n
-        for index, name in enumerate(space.inputs):
-            if name not in late:
-                continue
-            one = late[name]
-            whole = math.floor(one.delay / step + 1e-9)
-            rest = max(one.delay - whole * step, 0.0)
-            rest = rest if rest > 1e-9 * step else 0.0
-            column = np.zeros((n, 1))
-            column[: len(one.gains), 0] = one.gains
-            after = scipy.linalg.expm(space.a * (step - rest))
-            first = [after @ one for one in _integrals(space.a, column, rest)]
-            second = _integrals(space.a, column, step - rest)
-            kept = whole + (1 if rest else 0)
-            rows = slice(self.size, self.size + kept * (order + 1))
-            self.size = rows.stop
-            self.late.append((index, whole, rest, first, second, rows, one.through[:, None]))
-
-    def advance(self, z: Array, course: Sequence[Array]) -> tuple[Array, Array]:
-        """State and outputs at the step's end; `course`: inputs and their derivatives at its begin."""
-        n, columns = len(self.space.a), z.shape[1]
-        x = self.transition @ z[:n]
-        for gain, value in zip(self.fed, course, strict=False):
-            x = x + gain @ value
-        kept, passed = z.copy(), np.zeros((len(self.space.outputs), columns))
-        for index, whole, rest, first, second, rows, through in self.late:
-            now = np.zeros((1, self.order + 1, columns))
-            for place, value in enumerate(course):
-                now[0, place] = value[index]
-            line = np.concatenate([now, z[rows].reshape(-1, self.order + 1, columns)])
-            for gain, value in zip(second, line[whole], strict=False):
-                x = x + gain @ value[None]
-            if rest:
-                for gain, value in zip(first, _ahead(line[whole + 1], self.step - rest), strict=False):
-                    x = x + gain @ value[None]
-            if through.any():
-                # A delay of whole steps ends where the input may jump: the value after the jump comes out.
-                early = whole and not rest
-                end = line[whole - 1] if early else line[whole]
-                passed = passed + through @ _ahead(end, 0.0 if early else self.step - rest)[0][None]
-            kept[rows] = line[: len(line) - 1].reshape(-1, columns)
-        kept[:n] = x
-        return kept, self.space.c @ x + self.space.d @ _ahead(course, self.step)[0] + passed
-
-
-class SampledPart:
-    """A law that samples: x+ = A x + B u, y = C x + D u at its instants, held between them.
-
-    Its rows: x, the outputs, and where a sample is taken once more the x before it.
-    """
-
-    def __init__(self, law: Law, space: StateSpace, every: int) -> None:
-        self.law, self.space, self.every, self.late = law, space, every, ()
-        self.again = law.begins and law.ends
-        self.size = len(space.states) * (2 if self.again else 1) + len(space.outputs)
-
-    def advance(self, z: Array, course: Sequence[Array], phase: int) -> tuple[Array, Array]:
-        """State and outputs at the end of the step `phase`, where it samples if one is due."""
-        n, p = len(self.space.states), len(self.space.outputs)
-        x, outputs, before = z[:n], z[n : n + p], z[n + p :]
-        if self.law.begins and phase % self.every == 0:
-            x, outputs = self._sample(before if self.again else x, course[0])
-        if self.law.ends and (phase + 1) % self.every == 0:
-            before = x if self.again else before
-            x, outputs = self._sample(x, course[0])
-        return np.concatenate([x, outputs, before]), outputs
-
-    def _sample(self, x: Array, u: Array) -> tuple[Array, Array]:
-        return self.space.a @ x + self.space.b @ u, self.space.c @ x + self.space.d @ u
-
-
-def sampled_part(
-    linear: Linearised, name: str, step: float, order: int = 0, samples: int = 1
-) -> Part | SampledPart:
-    """An instance from one of its steps to the next.
-
-    Args:
-        step: its own [s]; order: of the polynomials that its inputs follow.
-        samples: steps in a sample period, of one whose law samples.
-    """
-    law, space = linear.laws.get(name), linear.parts[name]
-    if law is not None and law.sampled is not None:
-        return SampledPart(law, law.sampled, samples)
-    late = {port: linear.late[f"{name}.{port}"] for port in space.inputs if f"{name}.{port}" in linear.late}
-    return Part(with_lines(space, linear.inner.get(name, ())), late, step, order)
-
-
-def _ahead(course: Sequence[Array] | Array, time: float) -> list[Array]:
-    """A polynomial's value and derivatives after a time."""
-    return [
-        np.sum([later * time**k / math.factorial(k) for k, later in enumerate(course[place:])], axis=0)
-        for place in range(len(course))
-    ]
-
-
-def _integrals(a: Array, b: Array, time: float) -> list[Array]:
-    """Integrals of exp(A (time - t)) B t^k/k! from 0 to `time`, for k = 0, 1, 2; each of B's shape."""
-    return _over(a, b, time)[1:]
-
-
-def _over(a: Array, b: Array, time: float) -> list[Array]:
-    """exp(A time), and the integrals of exp(A (time - t)) B t^k/k! from 0 to `time`, for k = 0, 1, 2."""
-    return list(_over_known(a.tobytes(), b.tobytes(), b.shape, time))
-
-
-@lru_cache(maxsize=4096)
-def _over_known(a: bytes, b: bytes, shape: tuple[int, int], time: float) -> tuple[Array, ...]:
-    # Charts and searches of a step ask for the same instances again and again.
-    n, m = shape
-    if not n:
-        return np.zeros((0, 0)), *(np.zeros(shape) for _ in range(3))
-    whole = np.zeros((n + 3 * m, n + 3 * m))
-    whole[:n, :n], whole[:n, n : n + m] = np.frombuffer(a).reshape(n, n), np.frombuffer(b).reshape(shape)
-    for k in range(2):
-        whole[n + k * m : n + (k + 1) * m, n + (k + 1) * m : n + (k + 2) * m] = np.eye(m)
-    made = scipy.linalg.expm(whole * time)
-    return made[:n, :n], *(made[:n, n + k * m : n + (k + 1) * m] for k in range(3))
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ import numpy as np
 from ..base.errors import ConfigError
 from ..simulation.grid import Grid
 from ..simulation.run import Prepared, prepare
-from .delay_equation import Mode, Modes
 from .from_system import Linearised
+from .modes import Mode, Modes
 from .sampled_system import SampledSystem, sampled_system
 
 __all__ = [

@@ -9,12 +9,12 @@ import numpy as np
 
 from ..base.errors import ConfigError, Problem, listed, nearest
 from ..simulation.run import Prepared
-from .delay_equation import Modes
 from .delay_system import FILTER
 from .disk import DiskMargin, disk_margin, sensitivity
 from .from_system import Linearised, linearise
 from .linearity import Unlike, linearity_text, unlike_parts
 from .margins import DelayMargin, Margins
+from .modes import Modes
 from .moving_point import momentary_roots
 from .step_report import step_report, step_text
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from ..base.errors import ConfigError, OrchestratorError, Problem, listed
 from ..simulation.run import Prepared, prepare, run
-from .delay_equation import Mode
 from .from_system import Linearised
+from .modes import Mode
 from .sampled_system import sampled_system
 from .step_report import at_step, pairs, resting_roots
 
