@@ -170,7 +170,9 @@ def _analysed(prepared: Prepared, args: argparse.Namespace) -> _Analysis:
             if (hold := getattr(chosen.measure, "hold", None)) is not None
         ]
         pushes = {name: value for one in known for name, value in one.items()}
-        report["verify"] = verified(args.config, linear, overrides, pushes if known else None)
+        momentary = {complex(*one["root"]) for one in report["modes"] if one["holds_for"] is not None}
+        held = pushes if known else None
+        report["verify"] = verified(args.config, linear, overrides, held, momentary)
         words = f"{words}\n{verify_text(report['verify'])}"
 
     def draw() -> dict[str, Any]:

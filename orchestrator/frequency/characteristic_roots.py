@@ -245,6 +245,11 @@ class CharacteristicRoots(DelayEquation):
         """States and inputs of the mode of a root, shape (n + m,), of length 1."""
         return np.linalg.svd(self._matrix(np.array([root]))[0])[2][-1].conj()
 
+    def moved(self, root: complex) -> dict[str, float]:
+        """By how much what is added to an input moves the mode of a root, relative to others; by input."""
+        left = np.linalg.svd(self._matrix(np.array([root]))[0])[0][:, -1]
+        return dict(zip(self.inputs, abs(left[len(self.states) :]).tolist(), strict=True))
+
     def _residual(self, s: complex) -> float:
         matrix = self._matrix(np.array([s]))[0]
         # Units of states and inputs differ by many orders: rows and columns are scaled first.

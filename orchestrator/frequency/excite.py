@@ -27,7 +27,7 @@ from ..system.signal_vector import Layout, Signals
 from ..system.system import System
 from .tones import Measured, Tones
 
-__all__ = ["sweep_system"]
+__all__ = ["sweep_system", "with_effect"]
 
 Array = NDArray[np.float64]
 
@@ -174,28 +174,35 @@ def _once(prepared: Prepared, drive: _Drive, periods: int, settle: int, part: in
 def _excited(system: System, drive: _Drive, factor: float, start: float) -> System:
     """The system with a multisine at an input, and the targets recorded."""
     source, cut, tones = drive.source, drive.cut, drive.tones
-    others = [one for one in system.connections if one.target != source]
     (old,) = [one for one in system.connections if one.target == source] or [None]
-    gain, offset = (1.0, 0.0) if old is None else (old.gain, old.offset)
     effect = _Multisine(
         keep=0.0 if cut else 1.0,
         start=start,
-        factor=factor if cut or old is None else factor / gain,
+        factor=factor if cut or old is None else factor / old.gain,
         omega=tuple(tones.omega.tolist()),
         phases=tuple(tones.phases.tolist()),
     )
+    recorded = tuple(dict.fromkeys(drive.targets))
     if cut or old is None:
         # Some output has to stand at the wire's begin. One of the same instance is never known ahead, so that
         # every master without extrapolation feeds the value of the step's begin.
         output = _some_output(system, source.instance)
         level = _start_value(system, source)
         wire = Wire((Leg(output, 0.0),), (Link(effect, "multisine", (), False),))
+        others = [one for one in system.connections if one.target != source]
         new = Connection(output, source, 1.0, level, wire)
-    else:
-        legs = (Leg(old.source),) if old.wire is None else old.wire.legs
-        links = () if old.wire is None else old.wire.links
-        new = Connection(old.source, source, gain, offset, Wire(legs, (*links, Link(effect, "multisine"))))
-    return replace(system, connections=(*others, new), recorded=tuple(dict.fromkeys(drive.targets)))
+        return replace(system, connections=(*others, new), recorded=recorded)
+    return replace(with_effect(system, source, effect), recorded=recorded)
+
+
+def with_effect(system: System, target: Port, effect: Effect) -> System:
+    """The system with one effect more at the end of the connection that feeds an input."""
+    (old,) = [one for one in system.connections if one.target == target]
+    legs = (Leg(old.source),) if old.wire is None else old.wire.legs
+    links = () if old.wire is None else old.wire.links
+    wire = Wire(legs, (*links, Link(effect, type(effect).__name__.strip("_").lower())))
+    new = Connection(old.source, target, old.gain, old.offset, wire)
+    return replace(system, connections=tuple(new if one is old else one for one in system.connections))
 
 
 def _start_value(system: System, source: Port) -> float:

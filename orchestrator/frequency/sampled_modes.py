@@ -7,12 +7,14 @@ many steps are kept as powers of z, so that the matrix stays small.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csc_array
 
 from ..base.errors import OrchestratorError
 from .modes import Mode
@@ -33,6 +35,9 @@ _TURN = 0.7
 _STARTS = (1.0, 0.97, 0.85)
 _LEAST = 0.3
 _RESIDUAL = 1e-12
+# How many eigenvalues nearest to 1 are looked for in turn, from a place beside it.
+_NEAREST = (20, 80)
+_BESIDE = 1.0 + 1e-4 + 1e-4j
 _MOST_ANGLES = 200_000
 
 
@@ -83,20 +88,27 @@ class SampledSystem:
         return len(self.core) + sum(self._longest.values())
 
     @cached_property
-    def matrix(self) -> Array:
+    def sparse_matrix(self) -> csc_array:
         """The whole state's, shape (size, size); its first rows are those of `core`."""
         n = len(self.core)
-        whole = np.zeros((self.size, self.size))
-        whole[:n, :n] = self.core
+        rows, columns = (place.astype(np.intp) for place in np.nonzero(self.core))
+        parts = [(rows, columns, self.core[rows, columns])]
         low = n
         for head, length in self._longest.items():
-            whole[low, head] = 1.0
-            whole[np.arange(low + 1, low + length), np.arange(low, low + length - 1)] = 1.0
+            line = np.arange(low, low + length)
+            parts.append((line, np.concatenate([[head], line[:-1]]), np.ones(length)))
             for one in self.late:
                 if one.head == head:
-                    whole[:n, low + one.lag - 1] += one.column
+                    fed = np.flatnonzero(one.column)
+                    parts.append((fed, np.full(len(fed), low + one.lag - 1), one.column[fed]))
             low += length
-        return whole
+        rows, columns, values = (np.concatenate(each) for each in zip(*parts, strict=True))
+        return csc_array((values, (rows, columns)), shape=(self.size, self.size))
+
+    @property
+    def matrix(self) -> Array:
+        """`sparse_matrix` with its zeros."""
+        return self.sparse_matrix.toarray()
 
     @cached_property
     def _eigenvalues(self) -> Complex:
@@ -112,18 +124,27 @@ class SampledSystem:
         """
         if self.size <= _DENSE:
             return int(np.sum(np.abs(self._moving(self._eigenvalues)) > 1.0 + 1e-10))
+        return self._outside(_RADIUS)
+
+    def _outside(self, radius: float) -> int:
+        """How many eigenvalues lie outside a circle, by the argument principle.
+
+        Raises: OrchestratorError if one lies on it.
+        """
         angle = np.concatenate([[0.0], np.geomspace(1e-9, np.pi, 500)])
-        sign = self._signs(_RADIUS * np.exp(1j * angle))
+        sign = self._signs(radius * np.exp(1j * angle))
         while True:
             turn = np.angle(sign[1:] / sign[:-1])
             rough = np.flatnonzero(abs(turn) > _TURN)
             if not rough.size:
                 return -round(float(np.sum(turn)) / np.pi)
             if min(np.diff(angle)[rough]) < 1e-13 or len(angle) > _MOST_ANGLES:
-                raise OrchestratorError("an eigenvalue of the sampled system lies on the unit circle")
+                raise OrchestratorError(
+                    f"an eigenvalue of the sampled system lies on the circle |z| = {radius:g}"
+                )
             middle = 0.5 * (angle[rough] + angle[rough + 1])
             angle = np.insert(angle, rough + 1, middle)
-            sign = np.insert(sign, rough + 1, self._signs(_RADIUS * np.exp(1j * middle)))
+            sign = np.insert(sign, rough + 1, self._signs(radius * np.exp(1j * middle)))
 
     def _at(self, z: Complex) -> Complex:
         """M with what is late at eigenvalues z, shape (len(z), n, n)."""
@@ -169,16 +190,40 @@ class SampledSystem:
         return Mode(complex(np.log(z) / self.period), float(values[-1] / values[0]), named)
 
     def _searched(self) -> Complex:
-        """Eigenvalues near the unit circle, and those inside that lie near them."""
+        """The largest eigenvalues, until counting finds no others among them, and some that lie near them."""
+        from scipy.sparse.linalg import eigs  # slow to import
+
         angles = np.concatenate([[0.0], np.geomspace(1e-6, np.pi, 60 if len(self.core) <= 100 else 20)])
         found: list[complex] = []
         for start in np.outer(_STARTS, np.exp(1j * angles)).ravel():
             guesses = np.linalg.eigvals(self._at(np.array([start]))[0])
-            for guess in guesses[np.argsort(abs(guesses - start))[:2]]:
-                z = self._newton(complex(guess))
-                if z is not None and not any(abs(z - one) <= 1e-8 * abs(one - 1.0) + 1e-13 for one in found):
-                    found.append(z)
+            self._refine(guesses[np.argsort(abs(guesses - start))[:2]], found)
+        for count in _NEAREST:
+            if self._complete(found) or count >= self.size - 1:
+                break
+            # Slow modes lie close together at 1.
+            self._refine(eigs(self.sparse_matrix, count, sigma=_BESIDE)[0], found)
         return np.array(found, np.complex128)
+
+    def _complete(self, found: Sequence[complex]) -> bool:
+        """Whether there are no others outside a circle within which all but those that are shown lie."""
+        sizes = np.sort(abs(np.array(found)))[::-1]
+        gaps = np.flatnonzero(sizes[_SHOWN:-1] > sizes[_SHOWN + 1 :] * (1.0 + 1e-7)) + _SHOWN
+        if not gaps.size:
+            return False
+        radius = float(np.sqrt(sizes[gaps[0]] * sizes[gaps[0] + 1]))
+        known = sum(1 if one.imag == 0.0 else 2 for one in found if abs(one) > radius)
+        try:
+            return self._outside(radius) == known
+        except OrchestratorError:
+            return False
+
+    def _refine(self, guesses: Complex, found: list[complex]) -> None:
+        """Add the eigenvalues near guesses that are not known."""
+        for guess in guesses:
+            z = self._newton(complex(guess))
+            if z is not None and not any(abs(z - one) <= 1e-8 * abs(one - 1.0) + 1e-13 for one in found):
+                found.append(z)
 
     def _newton(self, z: complex) -> complex | None:
         eye, vector = np.eye(len(self.core)), None

@@ -1,28 +1,34 @@
-"""The dominant root as a co-simulation shows it: a small change of a start value, and how it dies away.
+"""The dominant root as a co-simulation shows it: a small change, and how it dies away.
 
-Two runs that differ in one start value alone differ by the free response of the linear system. Its poles
-are read by the matrix pencil method (Hua and Sarkar, IEEE Trans. Acoust. Speech Signal Process. 38, 1990), at
-the config's communication step and at half of it: what then remains between them is the step's doing.
+Two runs that differ in one start value, or by a short pulse at one input, then differ by the free response of
+the linear system. Its poles are read by the matrix pencil method (Hua and Sarkar, IEEE Trans. Acoust. Speech
+Signal Process. 38, 1990), at the config's communication step and at half of it: what then remains between
+them is the step's doing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.errors import ConfigError, OrchestratorError, Problem, listed
+from ..base.errors import ConfigError, OrchestratorError, Problem
+from ..effects.base import Effect
 from ..simulation.run import Prepared, prepare, run
+from ..system.connection import Port
+from .excite import with_effect
 from .from_system import Linearised
 from .modes import Mode
 from .sampled_system import sampled_system
-from .step_report import at_step, pairs, resting_roots
+from .step_report import at_step, moving_modes, pairs, resting_roots
 
 __all__ = ["verified", "verify_text"]
+
+Array = NDArray[np.float64]
 
 # Samples of a period, or of the time constant of a real root, and how many are taken.
 _DENSITY = 24
@@ -34,8 +40,25 @@ _CHANGE = 1e-4
 _CHANNELS = 6
 # Singular values below this share of the largest are noise.
 _NOISE = 1e-6
+# Samples that a pulse lasts.
+_PULSE = 2
 # A pole this far from the predicted one, relative to it, is not that of the linear system.
 _UNLIKE = 0.01
+
+
+class _Pulse(Effect):
+    """y = x, and x + height from one instant until before another [s]."""
+
+    jittable: ClassVar[bool] = True
+
+    height: float
+    begin: float
+    end: float
+
+    @staticmethod
+    def kernel(time: float, x: Any, options: Any, memory: Any, commit: bool) -> float:
+        """See Effect.kernel."""
+        return x[0] + (options[0] if options[1] <= time < options[2] else 0.0)
 
 
 def verified(
@@ -43,14 +66,17 @@ def verified(
     linear: Linearised,
     overrides: Iterable[str] = (),
     hold: Mapping[str, float] | None = None,
+    momentary: Collection[complex] = (),
 ) -> dict[str, Any]:
     """Compare dominant roots with the decay and frequency of co-simulations.
 
     Args:
         config, overrides: as for `prepare`.
-        linear: the system around its start, or a point that a measure of the config chose.
+        linear: the system around its start, a time of a run, or a point that a measure of the config chose.
         hold: constants by input, FMU's units, that let a run rest at such a point; None: not known.
-    Returns: a dict with `changed` (the start value that was changed), `root` (the machine's), and for each
+        momentary: roots that hold for one moment only, which no run shows; see `momentary_roots`.
+    Returns: a dict with `changed` (the start value that was changed, or the input that a pulse was added to),
+        `pulse` (whether it is an input), `root` (the machine's), and for each
         step `step` [s], `found` (the pole) and `difference` (its distance from the root, relative to the
         root); the last one is step 0, extrapolated from the two others, since the error of masters without
         iteration falls with the step; it is left out where a mode of the step's own grows. `sampled` holds
@@ -60,18 +86,15 @@ def verified(
     Raises: OrchestratorError if no mode can be excited or none is found; StepError if a run fails.
     """
     overrides = tuple(overrides)
-    if linear.start is None:
-        what = "it is linear around a later point of the run, which no run starts from"
-        raise ConfigError([Problem("--verify", what, "", "Leave out --at-time, or use --trim.")])
     if linear.chosen and hold is None:
         what = "it is linear around a point that a measure of the config chose: a run does not stay there"
         remedy = "Compare what the measure adds to the report with a run."
         raise ConfigError([Problem("--verify", what, "", remedy)])
     runs = _Runs(config, overrides, linear, hold or {})
     modes = linear.modes()
-    mode = modes.dominant
+    mode = next((one for one in moving_modes(modes) if one.root not in momentary), None)
     if mode is None:
-        raise OrchestratorError("--verify: the system has no root but 0, whose decay could be looked at")
+        raise OrchestratorError("--verify: the system has no lasting root but 0, whose decay a run shows")
     prepared = runs.prepared()
     step = float(prepared.grid.step_size)
     poles: list[tuple[float, complex]] = []
@@ -112,8 +135,10 @@ def verified(
         }
         for size, pole in poles
     ]
+    name, value = runs.changed(mode)
     return {
-        "changed": runs.changed(mode)[0],
+        "changed": name,
+        "pulse": value is None,
         "root": [mode.root.real, mode.root.imag],
         "steps": steps,
         "sampled": sampled,
@@ -152,21 +177,43 @@ class _Runs:
         periods apart.
         """
         root, own = mode.root, round((period or size) / size)
+        name, value = self.changed(mode)
         spacing = (2 * np.pi / abs(root.imag) if root.imag else 1 / abs(root)) / _DENSITY
         stride = own * max(1, round(spacing / (own * size)))
         samples = _SAMPLES
         if root.real > 0.0:
             samples = int(np.clip(np.log(_GROWN) / (root.real * size * stride), _FEWEST, _SAMPLES))
-        changes = at_step(self.prepared(), size, stride * samples, own=True)[1]
-        one, other = (
-            _signals(self.prepared(changes, start), stride) for start in ({}, dict([self.changed(mode)]))
-        )
-        return _nearest(one - other, size * stride, root)
+        begin = float(self.prepared().grid.start)
+        before = 0 if self.linear.time is None else round((self.linear.time - begin) / size)
+        # Samples begin where the pulse has ended.
+        first = before + _PULSE * stride if value is None else 0
+        changes = at_step(self.prepared(), size, first + stride * samples, own=True)[1]
+        plain = self.prepared(changes)
+        if value is None:
+            # Communication points may lie beside their times by rounding.
+            ends = [begin + (place - 0.25) * size for place in (before, first)]
+            other = self._pulsed(plain, name, ends)
+        else:
+            other = self.prepared(changes, {name: value})
+        moved = _signals(other, stride, first) - _signals(plain, stride, first)
+        return _nearest(moved, size * stride, root)
 
-    def changed(self, mode: Mode) -> tuple[str, float]:
-        """The state that takes the largest part in a mode and has a start value, and another value of it."""
-        tried = []
-        for name, _ in mode.participation:
+    @staticmethod
+    def _pulsed(prepared: Prepared, name: str, ends: Sequence[float]) -> Prepared:
+        """The system with a pulse at an input between two instants [s]."""
+        target = Port.of(name)
+        one = next(one for one in prepared.system.instances if one.name == target.instance)
+        connection = next(one for one in prepared.system.connections if one.target == target)
+        usual = abs(float(one.start.get(target.variable, 0.0))) or one.variable(target.variable).nominal
+        height = _CHANGE * float(usual or 1.0) / connection.gain
+        pulse = _Pulse(height=height, begin=ends[0], end=ends[1])
+        return replace(prepared, system=with_effect(prepared.system, target, pulse))
+
+    def changed(self, mode: Mode) -> tuple[str, float | None]:
+        """The state that takes the largest part in a mode and has a start value, and another value of it; or,
+        away from the start or without such a state, the input that moves the mode most, and None.
+        """
+        for name, _ in mode.participation if self.linear.time is None else ():
             instance = next(
                 (one for one in self.prepared().system.instances if name.startswith(f"{one.name}.")), None
             )
@@ -178,18 +225,26 @@ class _Runs:
             try:
                 prepare(self.config, (*self.overrides, f"{name}={value!r} {variable.unit or ''}".rstrip()))
             except ConfigError:
-                tried.append(name)
                 continue
             return name, value
-        raise ConfigError(
-            [
-                Problem(
-                    "--verify",
-                    f"no state of the dominant mode has a start value (tried: {listed(tried)})",
-                    "one of them has to be a start value of its FMU",
-                )
-            ]
-        )
+        return self._moving_input(mode), None
+
+    def _moving_input(self, mode: Mode) -> str:
+        """The connected input whose usual change moves a mode most."""
+        fed = {str(one.target) for one in self.prepared().system.connections}
+        moved = self.linear.system.moved(mode.root)
+        sizes = {}
+        for one in self.prepared().system.instances:
+            for port, share in moved.items():
+                name = port.removesuffix(" delayed")
+                if name in fed and name.startswith(f"{one.name}."):
+                    variable = one.variable(name.removeprefix(f"{one.name}."))
+                    usual = abs(self.linear.point.get(name, 0.0)) or float(variable.nominal or 1.0)
+                    sizes[name] = usual * share
+        if not sizes:
+            what = "no state of the dominant mode has a start value, and no connection moves it"
+            raise ConfigError([Problem("--verify", what, "one of both is needed")])
+        return max(sizes, key=lambda name: sizes[name])
 
 
 def _own(instance: str, start: Mapping[str, float]) -> dict[str, float]:
@@ -203,7 +258,8 @@ def _own(instance: str, start: Mapping[str, float]) -> dict[str, float]:
 
 def verify_text(report: dict[str, Any]) -> str:
     """The comparison in lines for terminals."""
-    lines = [f"co-simulated after a small change of {report['changed']}:"]
+    how = "a short pulse at" if report["pulse"] else "a small change of"
+    lines = [f"co-simulated after {how} {report['changed']}:"]
     for one in report["steps"]:
         where = f"step {1e3 * one['step']:g} ms" if one["step"] else "extrapolated to step 0"
         lines.append(f"  {where}: {_root(one['found'])} 1/s, {100 * one['difference']:.2g} % from the root")
@@ -214,7 +270,8 @@ def verify_text(report: dict[str, Any]) -> str:
         )
     if any(one["difference"] > _UNLIKE for one in report["sampled"]):
         lines.append(
-            "  the runs do not move as the linear system: what it leaves out acts at its operating point"
+            "  the runs do not move as the linear system: what it leaves out acts at its operating point, or "
+            "that moves"
         )
     return "\n".join(lines)
 
@@ -223,14 +280,14 @@ def _root(root: Sequence[float]) -> str:
     return f"{root[0]:.6g}" + (f" +-{abs(root[1]):.6g}j" if root[1] else "")
 
 
-def _signals(prepared: Prepared, stride: int) -> NDArray[np.float64]:
-    """Recorded signals at every `stride`-th point, shape (samples, signals)."""
+def _signals(prepared: Prepared, stride: int, first: int) -> Array:
+    """Recorded signals at every `stride`-th point from the first on, shape (samples, signals)."""
     results = run(prepared, halving=False, figures=False)
     columns = [np.asarray(results[name].values, dtype=float) for name in results.names]
-    return np.column_stack([one for one in columns if one.ndim == 1])[::stride]
+    return np.column_stack([one for one in columns if one.ndim == 1])[first::stride]
 
 
-def _nearest(response: NDArray[np.float64], spacing: float, root: complex) -> complex:
+def _nearest(response: Array, spacing: float, root: complex) -> complex:
     """The pole of a response, shape (samples, signals), that is nearest to a root."""
     sizes = np.max(abs(response), axis=0)
     chosen = np.argsort(sizes)[::-1][:_CHANNELS]
