@@ -10,11 +10,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
 
 from ..base.errors import OrchestratorError
 from .modes import Mode
@@ -87,11 +86,10 @@ class SampledSystem:
         """Numbers that the whole state consists of."""
         return len(self.core) + sum(self._longest.values())
 
-    @cached_property
-    def sparse_matrix(self) -> csc_array:
-        """The whole state's, shape (size, size); its first rows are those of `core`."""
+    def _entries(self) -> tuple[Any, Any, Array]:
+        """Rows, columns and values of the whole state's matrix; its first rows are those of `core`."""
         n = len(self.core)
-        rows, columns = (place.astype(np.intp) for place in np.nonzero(self.core))
+        rows, columns = np.nonzero(self.core)
         parts = [(rows, columns, self.core[rows, columns])]
         low = n
         for head, length in self._longest.items():
@@ -103,12 +101,15 @@ class SampledSystem:
                     parts.append((fed, np.full(len(fed), low + one.lag - 1), one.column[fed]))
             low += length
         rows, columns, values = (np.concatenate(each) for each in zip(*parts, strict=True))
-        return csc_array((values, (rows, columns)), shape=(self.size, self.size))
+        return rows, columns, values
 
     @property
     def matrix(self) -> Array:
-        """`sparse_matrix` with its zeros."""
-        return self.sparse_matrix.toarray()
+        """The whole state's, shape (size, size)."""
+        rows, columns, values = self._entries()
+        whole = np.zeros((self.size, self.size))
+        np.add.at(whole, (rows, columns), values)
+        return whole
 
     @cached_property
     def _eigenvalues(self) -> Complex:
@@ -191,7 +192,8 @@ class SampledSystem:
 
     def _searched(self) -> Complex:
         """The largest eigenvalues, until counting finds no others among them, and some that lie near them."""
-        from scipy.sparse.linalg import eigs  # slow to import
+        from scipy.sparse import csc_array  # slow to import
+        from scipy.sparse.linalg import eigs
 
         angles = np.concatenate([[0.0], np.geomspace(1e-6, np.pi, 60 if len(self.core) <= 100 else 20)])
         found: list[complex] = []
@@ -202,7 +204,9 @@ class SampledSystem:
             if self._complete(found) or count >= self.size - 1:
                 break
             # Slow modes lie close together at 1.
-            self._refine(eigs(self.sparse_matrix, count, sigma=_BESIDE)[0], found)
+            rows, columns, values = self._entries()
+            whole = csc_array((values, (rows, columns)), shape=(self.size, self.size))
+            self._refine(eigs(whole, count, sigma=_BESIDE)[0], found)
         return np.array(found, np.complex128)
 
     def _complete(self, found: Sequence[complex]) -> bool:

@@ -120,3 +120,13 @@ class Described:
 
     def __getattr__(self, name):
         return getattr(self._fmu, name)
+
+
+def test_a_pulse_at_an_input_shows_roots_of_an_fmu_whose_states_have_no_names(tank):
+    from orchestrator.frequency.verify import verified, verify_text
+
+    config = controlled(tank).data
+    found = verified(config, linearise(config, at_time=15.0))
+    assert found["pulse"] and found["changed"] == "tank.inflow"
+    assert all(one["difference"] < 2e-3 for one in found["sampled"])
+    assert "after a short pulse at tank.inflow" in verify_text(found)

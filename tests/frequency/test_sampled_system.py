@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 import pytest
 
 import orchestrator as orc
 from orchestrator.base.errors import ConfigError
 from orchestrator.cli.main import main
+from orchestrator.frequency import sampled_modes
 from orchestrator.frequency.from_system import linearise
 from orchestrator.frequency.sampled_system import sampled_system
 from orchestrator.frequency.step_report import largest_step, resting_roots, step_report
@@ -153,8 +152,7 @@ def test_long_delays_as_powers_give_the_same_roots(config, master, monkeypatch):
     linear = linearise(prepared)
     resting = resting_roots(linear.modes())
     whole = sampled_system(prepared, linear, resting)
-    # The package offers the function by the name of its module.
-    monkeypatch.setattr(sys.modules[sampled_system.__module__], "_DENSE", 0)
+    monkeypatch.setattr(sampled_modes, "_DENSE", 0)
     powers = sampled_system(prepared, linear, resting)
     assert powers.unstable == whole.unstable
     near = [one.root for one in whole.modes(3)]
@@ -212,3 +210,32 @@ def test_the_border_over_the_step(capsys):
     assert "over run.step_size from 1 to 8 ms: stable throughout" in printed
     assert "  as co-simulated: unstable above 3.560" in printed
     assert "largest stable step: 3.56 ms" in printed
+
+
+def test_slow_roots_beside_one_another_are_all_listed():
+    """Two areas have roots -0.1401 and -0.1425 beside a root 0; their delays are many steps."""
+    prepared = prepare("load-frequency", ["run.step_size=10 ms"])
+    linear = linearise(prepared)
+    made = sampled_system(prepared, linear, resting_roots(linear.modes()))
+    assert made.size > 300
+    every = np.log(np.linalg.eigvals(made.matrix).astype(complex)) / made.period
+    moving = every[(every.imag >= 0.0) & (abs(every) > 1e-6)]
+    expected = moving[np.argsort(-moving.real)][:6]
+    found = np.array([one.root for one in made.modes()])
+    assert found == pytest.approx(expected, rel=1e-6)
+    assert found[:2].real == pytest.approx([-0.1402, -0.1426], abs=2e-4)
+
+
+@pytest.mark.parametrize(("system", "time"), [("servo-compliant", 0.5), ("tank-level", 900.0)])
+def test_a_pulse_shows_the_roots_at_a_time_of_a_run(system, time):
+    found = verified(system, linearise(system, at_time=time))
+    assert found["pulse"] and "." in found["changed"]
+    assert all(one["difference"] < 2e-4 for one in found["sampled"])
+    assert found["steps"][-1]["difference"] < 2e-4
+
+
+def test_roots_that_hold_for_one_moment_are_not_looked_for():
+    linear = linearise("servo-compliant")
+    roots = [one.root for one in linear.modes().modes]
+    found = verified("servo-compliant", linear, momentary=roots[:1])
+    assert complex(*found["root"]) == roots[1] and not found["pulse"]
