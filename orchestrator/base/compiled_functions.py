@@ -144,7 +144,7 @@ def _made(make: Callable[[bool], _Made]) -> _Made:
 
 
 _CHOOSING = RLock()
-# In the order in which numba tries its own, of which they are made; one for archives is not among them.
+# In the order in which numba tries its own, which are their bases; one for archives is not among them.
 _LOCATORS = ("UserProvidedCacheLocator", "InTreeCacheLocator", "UserWideCacheLocator", "IPythonCacheLocator")
 
 

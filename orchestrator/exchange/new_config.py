@@ -97,7 +97,7 @@ def _port_text(variable: Variable) -> str:
 
 
 def _connections(members: Sequence[_Member]) -> tuple[list[str], list[str]]:
-    """Connections that leave no doubt, and those of which type and unit alone fit in one way."""
+    """Connections that leave no doubt, and those whose type and unit fit in one way only."""
     outputs = [(one.name, port) for one in members for port in one.description.outputs]
     inputs = [(one.name, port) for one in members for port in one.description.inputs]
     sure: dict[str, str] = {}

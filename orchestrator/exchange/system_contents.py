@@ -193,7 +193,7 @@ def _unfit(one: Instance, places: Places) -> list[Problem]:
         return [Problem(place, what, "it is no FMU of a file, but lives outside of the run")]
     if run_options.event_mode:
         remedy = f"Leave instances.{one.name}.event_mode out."
-        return [Problem(place, what, "it runs with event_mode, of which the inner master has none", remedy)]
+        return [Problem(place, what, "it runs with event_mode, which the inner master does not have", remedy)]
     if run_options.tolerance is not None:
         remedy = f"Leave instances.{one.name}.tolerance out."
         return [Problem(place, what, "it needs a tolerance, which the inner master does not pass on", remedy)]

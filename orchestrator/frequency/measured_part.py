@@ -80,8 +80,8 @@ def measured_part(at: Alone) -> tuple[StateSpace, dict[str, float], float] | str
 
 
 def scaled(markov: Array) -> tuple[Array, Array, Array]:
-    """Markov parameters, shape (samples, outputs, inputs), in units that make all channels alike; rows' and
-    columns' units.
+    """Markov parameters, shape (samples, outputs, inputs), in units that make channels comparable; the units
+    of rows and columns.
     """
     rows, columns = np.max(abs(markov), axis=(0, 2)), np.max(abs(markov), axis=(0, 1))
     rows, columns = np.where(rows > 0.0, rows, 1.0), np.where(columns > 0.0, columns, 1.0)

@@ -51,7 +51,7 @@ def from_start_values(at: Alone) -> tuple[StateSpace, float] | str:
     """
     runs = _Runs(at, start_outputs(at.one))
     try:
-        # An effort has a start value, too, but each step calculates it anew.
+        # An effort has a start value, too, but each step calculates it.
         runs.keep([column for column in range(len(runs.states)) if runs.difference(column, 1.0, 1).any()])
         if not runs.goes_on():
             return "its outputs with start values do not determine how it goes on"

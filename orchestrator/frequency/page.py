@@ -146,4 +146,4 @@ def _point(report: Mapping[str, Any]) -> str:
         [name, value, trimmed[name]["rate"] if name in trimmed else None]
         for name, value in report["point"].items()
     ]
-    return pieces.table(["variable", "value, in the unit of its FMU", "what is left of its rate"], rows)
+    return pieces.table(["variable", "value, in the unit of its FMU", "remaining rate"], rows)

@@ -18,7 +18,7 @@ def sweep_slope(
 ) -> Callable[[], Array] | None:
     """What gives the slope of a Gauss-Seidel sweep, shape (torn, torn), at the instant that was reached.
 
-    It holds what passes through outputs at once, and leaves out what inputs do to states within the step,
+    It holds what passes through outputs at once, and omits what inputs do to states within the step,
     which vanishes with the step size.
 
     Args:

@@ -155,12 +155,12 @@ class System:
         Args:
             name: of the instance.
             fmu: name of a bundled FMU, or path of a .fmu or .csv file; or a linear system of python-control
-                or scipy, of which an FMU is built and kept in this user's cache. See `orchestrator.build`.
+                or scipy; its FMU is built and kept in this user's cache. See `orchestrator.build`.
             step_size: its own step size; None: the system's.
             start: parameters and start values: plain numbers in SI units, or texts with a unit. Names that
                 Python cannot take as keywords can be given as `**{"x[1]": 2.0}`.
         Returns: the system itself.
-        Raises: ConfigError, BuildError for a linear system of which no FMU can be built.
+        Raises: ConfigError, BuildError if no FMU can be built of a linear system.
         """
         instance: dict[str, Any] = {}
         if is_linear(fmu):

@@ -10,7 +10,7 @@ from ..system.signal_vector import Signals
 
 __all__ = ["WholeNumbers"]
 
-# From here on not every whole number is a float of 64 bits, though the first one is.
+# Above this not every whole number is a float of 64 bits.
 _FIRST = float(2**53)
 _TYPES = ("Int64", "UInt64")
 

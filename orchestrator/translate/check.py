@@ -1,6 +1,6 @@
 """All faults of a model at once, without building it: syntax, names, types, balance, start, units.
 
-Each stage of the translation needs the one before, so what is at fault is mended for the next try: an
+Each stage of the translation needs the one before, so a fault is repaired for the next try: an
 undeclared name gets a declaration, any other faulty equation or value is left out.
 """
 
@@ -148,12 +148,12 @@ class _Checker:
                     break
                 seen |= set(new)
                 self.add("syntax", "\n".join(new))
-                mended = _mended(text, faults_of(new[0])[0])
-                if mended is None:
+                repaired = _repaired(text, faults_of(new[0])[0])
+                if repaired is None:
                     sound = False
                     break
-                self._left_out |= mended.count(";") <= text.count(";")
-                text = mended
+                self._left_out |= repaired.count(";") <= text.count(";")
+                text = repaired
             texts[path] = text
         return replace(self._tree, texts=texts) if sound else None
 
@@ -177,15 +177,15 @@ class _Checker:
             if not self._more():
                 self._unchecked.append("what comes after these faults")
                 break
-            mended = tree
+            repaired = tree
             for fault in fatal:
                 if UNBALANCED in fault.what:
                     continue
-                mended, left_out = _without(mended, fault)
+                repaired, left_out = _without(repaired, fault)
                 whole = whole and not left_out
-            if mended.texts == tree.texts:
+            if repaired.texts == tree.texts:
                 break
-            tree = mended
+            tree = repaired
         if not whole:
             self._unchecked.append("the number of equations and the initialisation")
 
@@ -251,7 +251,7 @@ class _Checker:
                 yield "balance", in_file(tree, error)
 
 
-def _mended(text: str, fault: Fault) -> str | None:
+def _repaired(text: str, fault: Fault) -> str | None:
     """A text with one mistake of syntax less: what is missing put in, what is too much taken out."""
     if not fault.places or not fault.places[0][2]:
         return None
@@ -277,21 +277,21 @@ def _mended(text: str, fault: Fault) -> str | None:
 
 def _without(tree: SourceTree, fault: Fault) -> tuple[SourceTree, bool]:
     """The tree without a fault, and whether an equation is left out for it."""
-    mended, left_out = tree, False
+    repaired, left_out = tree, False
     for file, line, column in fault.places:
         path = next((one for one in tree.texts if tree.shown(one) == file), "")
         if not path or not column:
             continue
-        text = mended.texts[path]
+        text = repaired.texts[path]
         start = sum(len(one) + 1 for one in text.split("\n")[: line - 1]) + column - 1
         if name := _UNDECLARED.match(fault.what):
-            changed = _declaring(mended, path, start, name[1])
+            changed = _declaring(repaired, path, start, name[1])
         else:
-            changed = _leaving_out(mended, path, start)
+            changed = _leaving_out(repaired, path, start)
             left_out = left_out or changed != text
-        # A new tree: its classes are read anew.
-        mended = replace(mended, texts={**mended.texts, path: changed})
-    return mended, left_out
+        # A new tree: its classes are read again.
+        repaired = replace(repaired, texts={**repaired.texts, path: changed})
+    return repaired, left_out
 
 
 def _declaring(tree: SourceTree, path: str, start: int, name: str) -> str:

@@ -11,7 +11,7 @@ from orchestrator.base.errors import BuildError, nearest
 
 from .classes import ModelicaClass, used_classes
 from .lexer import tokenise
-from .pinpoint import culprit
+from .pinpoint import offending_place
 from .sources import Location, SourceTree
 
 __all__ = ["UNBALANCED", "CompilerRefusal", "explained"]
@@ -382,7 +382,7 @@ def explained(
 
     Args:
         text: of the compiler, with the names of the source files.
-        message_of: compiles a changed tree; finds the place of what the compiler tells without one.
+        message_of: compiles a changed tree; finds the place of a fault that the compiler reports without one.
     """
     sources = _Sources(tree, model)
     if overloaded := _overloaded(sources):
@@ -400,7 +400,7 @@ def explained(
         for fault in _of_line(sources, line):
             start = f"{sources.start()}: "
             if message_of is not None and fault.startswith(start) and UNBALANCED not in fault:
-                if place := culprit(tree, model, message_of, line):
+                if place := offending_place(tree, model, message_of, line):
                     fault = f"{place}: {fault.removeprefix(start)}"
             faults[fault] = None
     return "\n".join(faults)

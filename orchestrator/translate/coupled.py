@@ -30,7 +30,7 @@ def coupled_sources(fmi_version: FmiVersion) -> dict[str, bytes]:
     """The C files behind a system, by file name.
 
     Args:
-        fmi_version: of the whole; the FMUs in it may be of FMI 2.0 and 3.0 alike.
+        fmi_version: of the whole; the FMUs in it may be of FMI 2.0 and 3.0.
     Raises: BuildError if fmpy, which carries the headers of the FMI standard, is not installed.
     """
     runtime = resources.files("orchestrator.translate") / "runtime"
@@ -49,7 +49,7 @@ def binary(platform: str, fmi_version: FmiVersion) -> bytes:
 
 
 def build_binaries(output: Path = _FOLDER, platforms: Sequence[str] = tuple(PLATFORMS)) -> list[Path]:
-    """Compile the binaries anew; the same sources give the same bytes.
+    """Compile the binaries again; the same sources give the same bytes.
 
     Args:
         output: the folder to write to, which is made if need be.

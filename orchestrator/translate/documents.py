@@ -1,4 +1,4 @@
-"""What the page in a Modelica FMU tells besides its ports: the model's documentation, its equations."""
+"""What the page in a Modelica FMU states besides its ports: the model's documentation, its equations."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _info(model: ModelicaClass) -> str:
 
 
 def sources_used(texts: dict[str, str], main: str) -> dict[str, bytes]:
-    """The files that a model needs as far as names tell: the main one, and those of classes named there.
+    """The files that a model needs as far as names show: the main one, and those of classes named there.
 
     Args:
         texts: of all files of the package, by path.

@@ -215,7 +215,7 @@ class Explorer:
 
 
 def _shape(value: Any) -> Hashable:
-    """What has to be alike for two values to be joined."""
+    """What has to be equal for two values to be joined."""
     if isinstance(value, Traced | bool | int | float):
         return "number"
     if value is None:

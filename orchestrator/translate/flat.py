@@ -145,7 +145,7 @@ class Equation:
 
 @dataclass(frozen=True)
 class Assertion:
-    """`condition` has to hold; `error` tells an error from a warning."""
+    """`condition` has to hold; `error`: whether it is an error, not a warning."""
 
     condition: Node
     message: str

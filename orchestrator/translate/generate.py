@@ -264,7 +264,7 @@ def _message(assertion: Assertion) -> str:
 
 
 def trimmed(text: str, names: list[str]) -> str:
-    """CasADi's C without what only tells a caller at run time how to call it, and with local names."""
+    """CasADi's C without what only states at run time how it is called, and with local names."""
     text = text[text.index("#include <math.h>") :]
     text = re.sub(
         r"/\* Configuration this file.*?(?=static const casadi_int|/\* \w+:)", "", text, flags=re.DOTALL

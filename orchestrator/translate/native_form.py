@@ -75,7 +75,7 @@ def build_native_fmu(
 
 
 def _sections(model: Any, script: Path) -> list[Section]:
-    """What the FMU's page tells besides its ports: what the component says of itself, and its source."""
+    """What the FMU's page states besides its ports: what the component says of itself, and its source."""
     form = "<p>Native form: C generated from the Python source below; no Python is needed where it runs.</p>"
     return [
         *docstrings(model, script),

@@ -1,4 +1,4 @@
-"""Where a fault is that the compiler tells without a place: the equation without which it is gone."""
+"""Where a fault is that the compiler reports without a place: the equation without which it is gone."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from dataclasses import replace
 from .lexer import Token
 from .sources import Location, SourceTree
 
-__all__ = ["culprit", "statements"]
+__all__ = ["offending_place", "statements"]
 
 # Each try compiles the model once.
 _MOST_TRIES = 150
 _OPENING = ("for", "if", "when", "while")
 
 
-def culprit(
+def offending_place(
     tree: SourceTree, model: str, message_of: Callable[[SourceTree], str], message: str
 ) -> Location | None:
     """The place of the equation or binding without which the compiler does not say what it does.

@@ -47,7 +47,7 @@ def dress(
 
     Args:
         description: modelDescription.xml, of FMI 2.0 or 3.0.
-        sections: what the page tells besides ports, parameters and structure.
+        sections: what the page states besides ports, parameters and structure.
         provenance: what the FMU was made from and with.
     Returns: path within the FMU -> content.
     """

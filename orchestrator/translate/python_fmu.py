@@ -165,7 +165,7 @@ def _run_builder(script: Path, source: bytes, class_name: str) -> tuple[dict[str
 def _complete(root: Any, model: Any, place: str) -> None:
     """Add to the model description what pythonfmu leaves out, in the order of the FMI 2.0 schema.
 
-    Raises: BuildError with all that the model does not tell.
+    Raises: BuildError with all that the model does not state.
     """
     problems: list[str] = []
     root.attrib.pop("generationDateAndTime", None)

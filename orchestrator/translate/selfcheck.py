@@ -51,7 +51,7 @@ def check(program: Program, seed: int = 1) -> CheckReport:
         seed: of the random numbers.
     Returns: the number of points and the largest residual.
     Raises: BuildError naming the equation whose residual is not zero, or if the model has values at too
-        few points to tell.
+        few points to compare.
     """
     flat = program.model.symbols.flat
     source = random.Random(seed)

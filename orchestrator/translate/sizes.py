@@ -224,7 +224,7 @@ def _owner(tokens: Sequence[Token], place: int) -> str:
 
 
 def _declared(tokens: Sequence[Token], place: int) -> Iterator[str]:
-    """Names that a declaration declares, of which the type stands before a place."""
+    """Names that a declaration declares, whose type stands before a place."""
     for part in _split(tokens, place):
         if (first := next((one for one in part if one.kind == "name"), None)) is not None:
             yield first.text

@@ -54,7 +54,7 @@ class _Structure:
         self._numbers = {entry.name: number for number, entry in enumerate(table)}
         model = program.model
         symbols = model.symbols
-        # CasADi keeps names for display only: what a symbol is, its hash tells.
+        # CasADi keeps names for display only: its hash identifies a symbol.
         self._names = {
             symbol.element_hash(): name
             for group in (symbols.states, symbols.inputs, symbols.parameters)

@@ -136,7 +136,7 @@ class Tape:
 
 
 class TracedText(str):
-    """Text of which a part is known only where the model runs; whether it is empty can be asked."""
+    """Text that is partly known only where the model runs; whether it is empty can be asked."""
 
     tape: Tape
 

@@ -1,4 +1,4 @@
-"""What Python code calls, for plain and traced numbers alike: `math`, some builtins, a matrix inverse."""
+"""What Python code calls, for plain and traced numbers: `math`, some builtins, a matrix inverse."""
 
 from __future__ import annotations
 

@@ -405,7 +405,7 @@ def test_rows_and_headers_that_cannot_be_read(tmp_path, text, said):
 
 def test_decimal_commas_between_commas(tmp_path):
     said = csv(tmp_path, "t [s],f [N]\n0,000,1,5\n0,001,1,6\n")
-    assert "cannot be read" in said and "decimal commas, part the columns by ; and write points" in said
+    assert "cannot be read" in said and "decimal commas, separate the columns by ; and write points" in said
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def test_a_column_that_is_late_or_early_within_a_loop_is_reported(plain, rows):
     )
 
 
-def test_a_fed_column_that_is_late_is_reported_and_mended_by_the_clock_that_is_reported(tmp_path):
+def test_a_fed_column_that_is_late_is_reported_and_corrected_by_the_clock(tmp_path):
     folder = study(tmp_path)
     for run in range(3):
         with change_log(folder / f"run-{run}.csv") as columns:

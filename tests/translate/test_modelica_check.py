@@ -66,7 +66,7 @@ def test_all_faults_are_reported_at_once(tmp_path):
         assert words in what
 
 
-def test_a_mended_model_has_none_and_translates(tmp_path):
+def test_a_repaired_model_has_none_and_translates(tmp_path):
     """What is reported can be mended one by one, and then the build takes the model."""
     text = (
         FAULTY.replace("y, z\n", "y(start=0, fixed=true), z;\n").replace("lost", "0").replace("m*x", "x/tau")

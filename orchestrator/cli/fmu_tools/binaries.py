@@ -8,7 +8,7 @@ from typing import Any
 
 __all__ = ["Image", "is_system_library", "platform_names", "read_images", "wanted_images"]
 
-# Folder under binaries/ -> kind and architectures of which it must hold at least one.
+# Folder under binaries/ -> kind and architectures at least one of them must be there.
 _PLATFORMS = {
     "win32": ("PE", ("x86",)),
     "win64": ("PE", ("x86_64",)),

@@ -31,7 +31,7 @@ _NOISE, _CLEAR = 9.0, 100.0
 _BEYOND, _FEW = 3.0, 0.01
 # Share of a tolerance by which a calibrated parameter is changed for its derivative.
 _STEP = 0.1
-# Samples that a clock gains or loses in a run, from which on its rate is wrong, and the share of the residual
+# Samples that a clock of a wrong rate gains or loses in a run at least, and the share of the residual
 # of a shift alone that it must leave at most.
 _DRIFTS, _BETTER = 1.0, 0.5
 

@@ -117,7 +117,7 @@ def _csv(path: Path) -> dict[str, Signal]:
 
     raw = gunzipped(path) if path.suffix == ".gz" else path.read_bytes()
     first = raw.partition(b"\n")[0]
-    # Units hold commas as little as names do: what stands in the header most often parts the columns.
+    # Units hold commas as little as names do: the most frequent one in the header separates the columns.
     delimiter = max(",;\t", key=lambda one: first.count(one.encode()))
     check_columns(1 + first.count(delimiter.encode()))
     names = [
@@ -134,7 +134,7 @@ def _csv(path: Path) -> dict[str, Signal]:
     except pyarrow.ArrowInvalid as error:
         hint = ""
         if delimiter == "," and re.search(r"\d,\d+,", str(error)):
-            hint = "; if its numbers have decimal commas, part the columns by ; and write points"
+            hint = "; if its numbers have decimal commas, separate the columns by ; and write points"
         raise LogError(f"cannot be read: {error}{hint}") from None
     if not len(table):
         raise LogError("holds a header, and no rows below it")

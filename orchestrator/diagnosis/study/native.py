@@ -51,7 +51,7 @@ def in_native_form(study: PortStudy) -> tuple[PortStudy, list[Warned]]:
         shutil.rmtree(folder, ignore_errors=True)
         found = study
     for one in found.natives.values():
-        # The file is unpacked anew by each player.
+        # Each player unpacks the file again.
         weakref.finalize(one, shutil.rmtree, folder, True)
     return found, [
         Warned(
@@ -103,7 +103,7 @@ def _build(context: None, task: tuple[str, str]) -> None:
 
 
 def _alike(one: CompiledFmu, other: CompiledFmu) -> bool:
-    """Whether an FMU can take the other's place: what that has is called and counted alike."""
+    """Whether an FMU can take the other's place: it has variables of the same names and numbers."""
     mine, others = (
         {
             name: (variable.reference, variable.causality, variable.kind, variable.unit_name)
@@ -116,7 +116,7 @@ def _alike(one: CompiledFmu, other: CompiledFmu) -> bool:
 
 
 def _same(study: PortStudy, other: PortStudy) -> bool:
-    """Whether both replay the first run alike."""
+    """Whether both replay the first run in the same way."""
     run = study.runs[0]
     given, found = (Replay(one).signals(run) for one in (study, other))
     return all(

@@ -29,7 +29,7 @@ __all__ = [
 
 _DOUBLE, _INT, _WORD = ir.DoubleType(), ir.IntType(32), ir.IntType(64)
 # How an argument travels: what numba holds, what C takes. Pointers and size_t are words of 64 bits; an FMI 3
-# Boolean is passed as int, of which the callee looks at the lowest byte.
+# Boolean is passed as int, and the callee reads its lowest byte.
 _KINDS = {"d": (types.float64, _DOUBLE), "i": (types.int32, _INT), "w": (types.int64, _WORD)}
 
 
