@@ -197,7 +197,7 @@ def _translated(
 
 # Of refusals by the explicit route those that say what it lacks; all others name a mistake of the model.
 _LACKS = re.compile(
-    r"^(?!.*(the compiler |expressions of kind (?!Tuple|Array))).*(?<!which are )not supported"
+    r"^(?!.*(the compiler |expressions of kind (?!Tuple|Array|FieldAccess))).*(?<!which are )not supported"
     r"|fixed=false, which needs|has fixed=true but is no state|only Real, Integer and Boolean"
     r"|a subscript or size has to be"
 )

@@ -150,6 +150,10 @@ def _branches(s: _Sources, found: re.Match[str]) -> tuple[Location, str]:
 _INSTEAD = {
     "spatialDistribution": "; use delay() if the velocity is constant, else divide the length into volumes",
     "getInstanceName": "; give the name as a String parameter",
+    "scalar": "; name the element by its subscripts, as a[1, 1]",
+    "matrix": "; write brackets around the array, as [a]",
+    "symmetric": "; write out the elements",
+    "ndims": "; write the number",
 }
 _RULES: tuple[Rule, ...] = (
     (r"unresolved component reference: '([^']+)'", _unknown),
@@ -234,6 +238,40 @@ _RULES: tuple[Rule, ...] = (
     (
         r"Duplicate declaration of '(\w+)' at line (\d+)",
         lambda s, m: (s.find(m[1], last=True), f"`{m[1]}` is declared a second time; give it another name"),
+    ),
+    (
+        r"unresolved Flat reference `([\w.]+\.\w+)`",
+        lambda s, m: (
+            s.name(m[1]),
+            f"`{m[1]}` of an array of components that has several dimensions, or no elements, is not "
+            "supported as a whole; name the elements, as {{a[i, j].x for j in 1:3} for i in 1:2}",
+        ),
+    ),
+    (
+        r"`record-array member slice`",
+        lambda s, m: (
+            s.start(),
+            "arrays of components within arrays of components are not supported as a whole; name the "
+            "elements, as {{a[i].b[j].x for j in 1:3} for i in 1:2}",
+        ),
+    ),
+    (
+        r"unsupported runtime operator `(scalar|matrix|symmetric|ndims)`",
+        lambda s, m: (s.find(m[1], "("), f"{m[1]}() is not supported{_INSTEAD[m[1]]}"),
+    ),
+    (
+        r"expression type mismatch: expected Real, found Integer",
+        lambda s, m: (
+            s.start(),
+            "numbers without a point stand here where the compiler takes Reals only; write them as 1.0",
+        ),
+    ),
+    (
+        r"missing source scope for imports",
+        lambda s, m: (
+            s.find("(", ","),
+            "a result that is left out before others, as in (, y) = f(x), is not supported; name a variable",
+        ),
     ),
     (
         r"unresolved Flat reference `(\w+)`",

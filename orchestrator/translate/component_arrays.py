@@ -1,19 +1,28 @@
-"""Arrays of components whose sizes the compiler cannot evaluate: it makes single components of them."""
+"""Arrays of components: sizes that the compiler cannot evaluate, and values of elements that it mistakes.
+
+In silence it makes one component of an array whose size it does not know. What an array of components gets
+by arithmetic, as `a[n](k=2*(1:n))`, it gives each element as a whole.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
 
 from orchestrator.base.errors import BuildError
 
 from .declared_classes import ClassPart, DeclaredClass, DeclaredClasses
-from .lexer import closing
-from .source_edits import edited, path_of, text_end, words_of
+from .lexer import Token, closing
+from .modifiers import arguments
+from .source_edits import edited, path_end, path_of, text_end, words_of
 from .sources import SourceTree
 
-__all__ = ["refuse_single_components", "with_known_sizes"]
+__all__ = ["refuse_single_components", "with_component_arrays"]
 
+_INDEX = "adapted_index"
+_SCALAR_FUNCTIONS = frozenset("abs sqrt exp log log10 sin cos tan asin acos atan sinh cosh tanh".split())
+_SIGNS = frozenset(("(", ")", "+", "-", "*", "/", ".*", "./", ".+", ".-"))
 _ELEMENT = re.compile(r"\.(?![^\[]*\])")
 
 
@@ -29,15 +38,12 @@ def refuse_single_components(tree: SourceTree, model: str, names: Iterable[str])
         _Components(tree.texts, tree.label, ()).refuse_single(tree, model, names)
 
 
-def with_known_sizes(texts: Mapping[str, str]) -> dict[str, str]:
-    """The files in which arrays of components have the size of another array, with the size in its place."""
-    found = {path: text for path, text in texts.items() if re.search(r"\[[^\]]*\bsize\s*\(", text)}
-    if not found:
+def with_component_arrays(texts: Mapping[str, str]) -> dict[str, str]:
+    """The files that change, with these: sizes are written out, and what elements get, element by element."""
+    if not any(re.search(r"\[[^\]]*\bsize\s*\(|\](\s*\w+)?\s*\(", text) for text in texts.values()):
         return {}
-    changed = {}
-    for path, edits in _Components(dict(texts), "", ()).sizes().items():
-        changed[path] = edited(texts[path], edits)
-    return changed
+    found = _Components(dict(texts), "", ()).edits()
+    return {path: edited(texts[path], edits) for path, edits in found.items()}
 
 
 class _Components(DeclaredClasses):
@@ -64,16 +70,102 @@ class _Components(DeclaredClasses):
                 seen.add(whole)
                 one = self._type_of(owner, part)
 
-    def sizes(self) -> dict[str, list[tuple[int, int, str]]]:
+    def edits(self) -> dict[str, list[tuple[int, int, str]]]:
         found: dict[str, list[tuple[int, int, str]]] = {}
         for one in self._all():
             for part in one.parts if one.file in self._texts else ():
-                if part.kind != "components":
-                    continue
-                for at, _ in part.names:
-                    for first, end in _dimensions(one, part, at):
-                        found.setdefault(one.file, []).extend(self._replaced(one, part, first, end))
+                for at, opening in part.names if part.kind == "components" else ():
+                    sizes, edits = _dimensions(one, part, at), found.setdefault(one.file, [])
+                    for first, end in sizes:
+                        edits += self._replaced(one, part, first, end)
+                    if len(sizes) == 1 and opening >= 0 and not self._is_built_in(one, part):
+                        edits += self._given(one, opening, words_of(one.tokens[slice(*sizes[0])]))
         return {file: sorted(set(edits)) for file, edits in found.items() if edits}
+
+    def _given(self, one: DeclaredClass, opening: int, size: str) -> Iterator[tuple[int, int, str]]:
+        """Values in the bracket that modifies an array of components, written element by element."""
+        tokens = one.tokens
+        for first, last in arguments(tokens, opening):
+            first += tokens[first].text == "final"
+            at = path_end(tokens, first)
+            if tokens[at].text == "(" and at > first:
+                yield from self._given(one, at, size)
+                at = closing(tokens, at) + 1
+            if first < at < last and tokens[at].text == "=":
+                text = _matrix(tokens[at + 1 : last + 1]) or self._vector(one, at + 1, last + 1, size)
+                if text:
+                    yield tokens[at + 1].start, text_end(tokens[last]), text
+
+    def _vector(self, one: DeclaredClass, first: int, end: int, size: str) -> str:
+        """A vector as a comprehension; "" where it is none, or is not understood."""
+        tokens = one.tokens
+        if len(bounds := _range(tokens, first, end)) == 2:
+            return f"{{{_INDEX} for {_INDEX} in {':'.join(bounds)}}}"
+        if bounds:
+            return f"{{{_element_of(bounds)} for {_INDEX} in 1:{size}}}"
+        if path_end([*tokens[first:end], tokens[end]], 0) == end - first:
+            return ""  # a name, which the compiler takes
+        words, vectors, at = list[str](), 0, first
+        depth = product = before = 0  # whether a term multiplies; vectors before it
+        while at < end:
+            token, behind = tokens[at], path_end(tokens, at)
+            close = closing(tokens, at) if token.text == "(" else 0
+            if close and (bounds := _range(tokens, at + 1, close)):
+                words.append(_element_of(bounds))
+                at, vectors = close + 1, vectors + 1
+                if len(bounds) == 2:
+                    size = f"({bounds[1]}) - ({bounds[0]}) + 1"
+            elif behind > at and tokens[behind].text == "(":
+                inner = [words_of(tokens[a : b + 1]) for a, b in arguments(tokens, behind)]
+                name = words_of(tokens[at:behind])
+                if name in _SCALAR_FUNCTIONS:
+                    words.append(name)
+                    at = behind
+                    continue
+                values = {
+                    ("linspace", 3): "({0} + (({1}) - ({0}))*({i} - 1)/(({2}) - 1))",
+                    ("ones", 1): "1", ("zeros", 1): "0", ("fill", 2): "({0})",
+                }  # fmt: skip
+                if (value := values.get((name, len(inner)))) is None:
+                    return ""
+                words.append(value.format(*inner, i=_INDEX))
+                size = f"({inner[-1]})"
+                at, vectors = closing(tokens, behind) + 1, vectors + 1
+            elif behind > at:
+                text, sizes, at = self._name(one, at, behind)
+                if sizes is None or len(sizes) > 1:
+                    return ""
+                words.append(text)
+                vectors += len(sizes)
+                size = next((one for one in sizes if one != ":"), size)
+            elif token.kind == "number" or token.text in _SIGNS:
+                words.append(token.text.lstrip(".") if token.kind == "sign" else token.text)
+                at += 1
+                depth += (token.text == "(") - (token.text == ")")
+                product += token.text == "*"
+                if not depth and words[-1] in ("+", "-"):
+                    product, before = 0, vectors
+            else:
+                return ""
+            if product and vectors - before > 1:
+                return ""  # it may be a scalar product
+        return "" if not vectors else f"{{{' '.join(words)} for {_INDEX} in 1:{size}}}"
+
+    def _name(self, one: DeclaredClass, at: int, behind: int) -> tuple[str, list[str] | None, int]:
+        """A name's element, its sizes (None where they are not known), and the token behind it."""
+        tokens, text = one.tokens, words_of(one.tokens[at:behind])
+        found = self._declared(one, text) if behind == at + 1 else None
+        if found is None or found[1].path[1] == 0:
+            return text, [] if text.startswith("Modelica . Constants") else None, behind
+        owner, part = found
+        place = next(here for here, _ in part.names if owner.tokens[here].text == text)
+        sizes = [words_of(owner.tokens[slice(*size)]) for size in _dimensions(owner, part, place)]
+        if tokens[behind].text != "[":
+            return (f"{text}[{_INDEX}]" if sizes else text), sizes, behind
+        close = closing(tokens, behind)
+        inside = words_of(tokens[behind : close + 1])
+        plain = len(sizes) == inside.count(",") + 1 and not set("{:(") & set(inside)
+        return f"{text}{inside}", [] if plain else None, close + 1
 
     def _is_built_in(self, one: DeclaredClass, part: ClassPart) -> bool:
         """Whether an element is of a built-in type, or one whose class is not known."""
@@ -100,6 +192,33 @@ class _Components(DeclaredClasses):
                 text = words_of(tokens[slice(*sizes[number - 1])])
                 if text != ":":
                     yield tokens[at].start, text_end(tokens[at + 5]), f"({text})"
+
+
+def _range(tokens: Sequence[Token], first: int, end: int) -> list[str]:
+    """The bounds of a range, as text; none where tokens are no range."""
+    cuts, at = [first - 1], first
+    while at < end:
+        if tokens[at].text == ":":
+            cuts.append(at)
+        at = closing(tokens, at) + 1 if tokens[at].text in ("(", "[", "{") else at + 1
+    cuts.append(end)
+    return [words_of(tokens[a + 1 : b]) for a, b in pairwise(cuts)] if len(cuts) > 2 else []
+
+
+def _element_of(bounds: Sequence[str]) -> str:
+    """One element of a range."""
+    return f"({bounds[0]} + ({bounds[1] if len(bounds) == 3 else '1'})*({_INDEX} - 1))"
+
+
+def _matrix(tokens: Sequence[Token]) -> str:
+    """A matrix of numbers in brackets as one in braces; "" of anything else."""
+    inside = tokens[1:-1]
+    if tokens[0].text != "[" or not all(
+        one.kind == "number" or one.text in ("-", ",", ";") for one in inside
+    ):
+        return ""
+    rows = words_of(inside).split(";")
+    return f"{{{', '.join(f'{{{row.strip()}}}' for row in rows)}}}"
 
 
 def _dimensions(one: DeclaredClass, part: ClassPart, at: int) -> list[tuple[int, int]]:

@@ -154,6 +154,8 @@ def _meant(text: str, line: int, column: int, message: str) -> str:
         return "an if-expression needs a value for all other cases; add else"
     if here == "end" and then not in _STATEMENTS and (left := _open_statement(tokens[:at])):
         return f"the `{left.text}` of line {left.line} is not closed; put `end {left.text};` behind it"
+    if here == "." and at and tokens[at - 1].text == ")":
+        return "a member of what a function returns is not supported; give the result a name, as R r = f(x)"
     if here in ("elsewhen", "else", "elseif") and "reserved keyword" in message:
         return f"`{here}` stands in no if or when; put one before it"
     return ""

@@ -180,6 +180,33 @@ FAULTS = {
         "when time > 1 then\nn = 1;\nend when;\nend Model;",
         ["x is declared with the size [3], its equations use [4]"],
     ),
+    "function without a rule": (
+        "Real a[1, 1] = [time];\nReal x = «scalar»(a);\nend Model;",
+        ["scalar() is not supported; name the element by its subscripts"],
+    ),
+    "Integers for Reals": (
+        "Real c[3];\nequation\n«c» = cross({1, 2, 3}, {time, 0, 1});\nend Model;",
+        ["write them as 1.0"],
+    ),
+    "result left out": (
+        "function f\ninput Real u;\noutput Real a;\noutput Real b;\nalgorithm\na := u;\nb := u;\nend f;\n"
+        "Real x;\nequation\n«(», x) = f(time);\nend Model;",
+        ["a result that is left out before others"],
+    ),
+    "member of a result": (
+        "record R\nReal a;\nend R;\nfunction f\ninput Real u;\noutput R r;\nalgorithm\nr.a := u;\nend f;\n"
+        "Real x = f(time)«.»a;\nend Model;",
+        ["give the result a name, as R r = f(x)"],
+    ),
+    "members of a grid": (
+        "model Sub\nReal x = time;\nend Sub;\nSub a[2, 2];\nReal s = sum(«a.x»);\nend Model;",
+        ["name the elements, as {{a[i, j].x"],
+    ),
+    "members of arrays within arrays": (
+        "model Sub\nReal x = time;\nend Sub;\nmodel Both\nSub b[2];\nend Both;\nBoth a[2];\n"
+        "Real s «=» sum(a.b[2].x);\nend Model;",
+        ["name the elements, as {{a[i].b[j].x"],
+    ),
     "endless recursion": (
         "function f\ninput Real n;\noutput Real y;\nalgorithm\ny := if n < 1 then 1 else n*«f»(n - 1);\n"
         "end f;\nReal x = f(time);\nend Model;",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
@@ -16,6 +17,7 @@ from .expression import Expr
 __all__ = ["FUNCTIONS", "OPERATORS", "REDUCTIONS", "STEPS", "each", "product", "stacked"]
 
 _ZERO = ex.ZERO
+_LARGEST = sys.float_info.max  # the least of no numbers, as the language has it
 FUNCTIONS = {
     "abs": "fabs", "sin": "sin", "cos": "cos", "tan": "tan", "asin": "asin", "acos": "acos", "atan": "atan",
     "atan2": "atan2", "sinh": "sinh", "cosh": "cosh", "tanh": "tanh", "exp": "exp", "log": "log",
@@ -65,10 +67,12 @@ def product(a: np.ndarray, b: np.ndarray) -> Any:
     return made if a.ndim == b.ndim == 2 else made.ravel()
 
 
-def _reduced(make: Callable[[Expr, Expr], Expr], values: list[Any]) -> Any:
+def _reduced(make: Callable[[Expr, Expr], Expr], empty: Expr, values: list[Any]) -> Any:
     if len(values) > 1:
         return each(make, *values)
     flat = list(np.ravel(np.asarray(values[0], dtype=object)))
+    if not flat:
+        return empty
     found = flat[0]
     for one in flat[1:]:
         found = make(found, one)
@@ -105,10 +109,10 @@ OPERATORS: dict[str, Callable[[Expr, Expr], Expr]] = {
     "and": partial(ex.logical, "and"), "or": partial(ex.logical, "or"),
 }  # fmt: skip
 REDUCTIONS: dict[str, Callable[[list[Any]], Any]] = {
-    "min": partial(_reduced, partial(ex.function, "fmin")),
-    "max": partial(_reduced, partial(ex.function, "fmax")),
-    "sum": partial(_reduced, ex.add),
-    "product": partial(_reduced, ex.mul),
+    "min": partial(_reduced, partial(ex.function, "fmin"), ex.number(_LARGEST)),
+    "max": partial(_reduced, partial(ex.function, "fmax"), ex.number(-_LARGEST)),
+    "sum": partial(_reduced, ex.add, _ZERO),
+    "product": partial(_reduced, ex.mul, ex.ONE),
     "transpose": lambda values: np.asarray(values[0], dtype=object).T,
     "cross": _cross,
     "skew": lambda values: _skew(*values),

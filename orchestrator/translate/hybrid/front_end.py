@@ -19,7 +19,7 @@ from orchestrator.base.temporary_folders import cache_folder, keep_last_used
 from .. import specialised as classes
 from ..compiler import TIME_LIMIT, compile_model
 from ..complaints import CompilerRefusal, explained
-from ..component_arrays import refuse_single_components, with_known_sizes
+from ..component_arrays import refuse_single_components, with_component_arrays
 from ..flatten import called_partial, flatten, message_of, syntax_faults
 from ..lexer import tokenise
 from ..redeclared import refuse_repeated_redeclarations
@@ -233,8 +233,8 @@ def prepared(
     texts = {path: path.read_bytes().decode() for path in before}
     named = {path.relative_to(folder).as_posix(): text for path, text in texts.items()}
     named |= with_members(named, rewritten)
+    named |= with_component_arrays(named)
     named |= with_plain_iterators(named)
-    named |= with_known_sizes(named)
     texts = {folder / path: text for path, text in named.items()}
     objects |= external_objects(texts.values())
     common, models = _of_all(tree)
@@ -251,7 +251,7 @@ def prepared(
 
 def adapts(tree: SourceTree) -> bool:
     """Whether the compiler does not see a model's sources as they are."""
-    if any(one(tree.texts) for one in (with_members, with_plain_iterators, with_known_sizes)):
+    if any(one(tree.texts) for one in (with_members, with_plain_iterators, with_component_arrays)):
         return True
     if specialised(tree).texts != tree.texts:
         return True

@@ -1,4 +1,4 @@
-"""Iterators over other things than ranges of Integers, and sizes of arrays of components."""
+"""Iterators over other things than ranges of Integers; sizes of arrays of components, and what they get."""
 
 from __future__ import annotations
 
@@ -151,6 +151,18 @@ algorithm
 end M;""",
         {"x[3]": 3, "y[2]": 4},
     ),
+    "no elements": (
+        """model M
+  parameter Integer n = 0;
+  Real x[n];
+  Real p = product({i for i in 1:n}) + sum(x) + time;
+equation
+  for i in 1:n loop
+    x[i] = i;
+  end for;
+end M;""",
+        {"p": 2},
+    ),
     "texts put together": (
         """model M
   parameter String mode = "fast";
@@ -161,6 +173,61 @@ equation
   assert(other <> "slow" + "er", "is " + other);
 end M;""",
         {"x": math.exp(-2)},
+    ),
+    "ranges and arithmetic for arrays of components": (
+        f"""package M
+  {DECAY}
+  model M
+    parameter Integer n = 3;
+    parameter Real v[n] = {{1, 2, 4}};
+    Decay a[n](k=1:n), b[n](k=2*(1:n)), c[n](k=linspace(1, 2, n)), d[n](k=v/2 - ones(n), x(start=3*v));
+    Decay g[3](k=3:-1:1), h[3](each k=v[3]);
+  end M;
+end M;""",
+        {
+            "a[3].x": math.exp(-3),
+            "b[2].x": math.exp(-4),
+            "c[2].x": math.exp(-1.5),
+            "d[3].x": 12 * math.exp(-1),
+            "g[1].x": math.exp(-3),
+            "h[2].x": math.exp(-4),
+        },
+    ),
+    "matrices for arrays of components": (
+        """package M
+  model Sum
+    parameter Real k[2] = {1, 1};
+    Real x = (k[1] + 2*k[2])*time;
+  end Sum;
+  model M
+    Sum a[2](k=[1, 2; 3, -4]), b[2](each k={8, 9});
+  end M;
+end M;""",
+        {"a[1].x": 5, "a[2].x": -5, "b[2].x": 26},
+    ),
+    "members of parts of arrays, and records that functions set in part": (
+        """package M
+  model Part
+    Real x = time;
+  end Part;
+  record Pair
+    Real a = 4;
+    Real b = 2;
+  end Pair;
+  function f
+    input Real u;
+    output Pair r;
+  algorithm
+    r.a := u;
+  end f;
+  model M
+    Part a[4];
+    Real s = sum(a[2:3].x);
+    Pair r = f(3*time);
+    Real y = r.a + 10*r.b;
+  end M;
+end M;""",
+        {"s": 2, "y": 23},
     ),
     "sizes that other components give": (
         f"""package M
