@@ -100,12 +100,15 @@ class _Components(DeclaredClasses):
         """A vector as a comprehension; "" where it is none, or is not understood."""
         tokens = one.tokens
         if len(bounds := _range(tokens, first, end)) == 2:
-            return f"{{{_INDEX} for {_INDEX} in {':'.join(bounds)}}}"
+            first_one, last_one = bounds
+            if first_one == "1" and _differ(last_one, size):
+                return ""
+            return f"{{{_INDEX} for {_INDEX} in {first_one}:{last_one}}}"
         if bounds:
             return f"{{{_element_of(bounds)} for {_INDEX} in 1:{size}}}"
         if path_end([*tokens[first:end], tokens[end]], 0) == end - first:
             return ""  # a name, which the compiler takes
-        words, vectors, at = list[str](), 0, first
+        words, vectors, at, wanted = list[str](), 0, first, size
         depth = product = before = 0  # whether a term multiplies; vectors before it
         while at < end:
             token, behind = tokens[at], path_end(tokens, at)
@@ -113,8 +116,8 @@ class _Components(DeclaredClasses):
             if close and (bounds := _range(tokens, at + 1, close)):
                 words.append(_element_of(bounds))
                 at, vectors = close + 1, vectors + 1
-                if len(bounds) == 2:
-                    size = f"({bounds[1]}) - ({bounds[0]}) + 1"
+                if bounds[0] == "1":
+                    size = bounds[-1] if len(bounds) == 2 else size
             elif behind > at and tokens[behind].text == "(":
                 inner = [words_of(tokens[a : b + 1]) for a, b in arguments(tokens, behind)]
                 name = words_of(tokens[at:behind])
@@ -129,7 +132,7 @@ class _Components(DeclaredClasses):
                 if (value := values.get((name, len(inner)))) is None:
                     return ""
                 words.append(value.format(*inner, i=_INDEX))
-                size = f"({inner[-1]})"
+                size = inner[-1]
                 at, vectors = closing(tokens, behind) + 1, vectors + 1
             elif behind > at:
                 text, sizes, at = self._name(one, at, behind)
@@ -147,8 +150,8 @@ class _Components(DeclaredClasses):
                     product, before = 0, vectors
             else:
                 return ""
-            if product and vectors - before > 1:
-                return ""  # it may be a scalar product
+            if (product and vectors - before > 1) or _differ(size, wanted):
+                return ""  # it may be a scalar product, or has another size, as the compiler finds
         return "" if not vectors else f"{{{' '.join(words)} for {_INDEX} in 1:{size}}}"
 
     def _name(self, one: DeclaredClass, at: int, behind: int) -> tuple[str, list[str] | None, int]:
@@ -203,6 +206,11 @@ def _range(tokens: Sequence[Token], first: int, end: int) -> list[str]:
         at = closing(tokens, at) + 1 if tokens[at].text in ("(", "[", "{") else at + 1
     cuts.append(end)
     return [words_of(tokens[a + 1 : b]) for a, b in pairwise(cuts)] if len(cuts) > 2 else []
+
+
+def _differ(one: str, other: str) -> bool:
+    """Whether two sizes are unlike numbers."""
+    return one.isdigit() and other.isdigit() and int(one) != int(other)
 
 
 def _element_of(bounds: Sequence[str]) -> str:

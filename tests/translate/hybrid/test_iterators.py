@@ -8,6 +8,8 @@ import pytest
 
 pytest.importorskip("rumoca", reason="needs the extra build")
 
+from orchestrator.base.errors import BuildError
+from orchestrator.translate.build import build
 from orchestrator.translate.hybrid.iterators import with_plain_iterators
 from tests.translate.hybrid.test_hybrid_models import made, run
 
@@ -251,6 +253,16 @@ def test_values_are_those_worked_out_by_hand(tmp_path, what):
     fmu = made(tmp_path, text, model="M.M" if text.startswith("package") else None)
     found = run(fmu, 1.0, 0.1, *wanted)
     assert {name: found[name][-1] for name in wanted} == pytest.approx(wanted, rel=1e-5)
+
+
+@pytest.mark.parametrize("value", ["1:4", "2*(1:4)", "linspace(1, 2, 4)", "3*v"])
+def test_another_number_of_values_is_refused(tmp_path, value):
+    (tmp_path / "M.mo").write_text(
+        f"package M\n{DECAY}\nmodel M\nparameter Real v[4] = {{1, 2, 3, 4}};\n"
+        f"Decay a[3](k={value});\nend M;\nend M;\n"
+    )
+    with pytest.raises(BuildError, match=r"unbalanced|unlike types|supplies 4"):
+        build(tmp_path / "M.mo", tmp_path / "M.fmu", model="M.M", platforms=())
 
 
 def test_lines_stay_where_they_are():
