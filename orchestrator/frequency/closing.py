@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from ..base.errors import Problem, listed
 from ..system.connection import Connection
@@ -18,6 +19,8 @@ from .inner_delays import InnerDelay
 from .statespace import LateInput, StateSpace
 
 __all__ = ["Chain", "chains_of", "closed_system", "sources"]
+
+Array = NDArray[np.float64]
 
 
 def sources(connection: Connection) -> list[Any]:
@@ -79,72 +82,97 @@ def closed_system(
         inner: delays between states, by instance.
     """
     parts = [part.named(name) for name, part in own.items()]
-    lags = [(index, place, lag) for index, one in enumerate(chains) for place, lag in enumerate(one.lags)]
-    blocks = [(one.a, one.b, one.c, one.d) for one in parts]
-    states = [name for one in parts for name in one.states]
-    inputs = [name for one in parts for name in one.inputs]
-    outputs = [name for one in parts for name in one.outputs]
-    for index, place, lag in lags:
-        rate = np.array([[1.0 / lag]])
-        blocks.append((-rate, rate, np.eye(1), np.zeros((1, 1))))
-        name = f"{chains[index].target}{FILTER}" + (f"[{place}]" if place else "")
-        states.append(name)
-        inputs.append(f"{name}@{index}")
-        outputs.append(f"{name}@{index}")
-    a, b, c, d = (scipy.linalg.block_diag(*(one[n] for one in blocks)) for n in range(4))
-    if not blocks:
-        a = b = c = d = np.zeros((0, 0))
-    first, row = 0, 0
+    filters = [
+        _filter(f"{one.target}{FILTER}" + (f"[{place}]" if place else ""), index, lag)
+        for index, one in enumerate(chains)
+        for place, lag in enumerate(one.lags)
+    ]
+    blocks, links = _Blocks([*parts, *filters]), []
     # A delayed path into an FMU is an input of its own.
-    behind: dict[str, list[int]] = {}
-    for part in parts:
-        for name in part.inputs:
-            for path in hidden.get(name, ()):
-                column = np.zeros((len(a), 1))
-                column[first : first + len(part.states), 0] = path.gains
-                behind.setdefault(name, []).append(b.shape[1])
-                b = np.hstack([b, column])
-                through = np.zeros((len(d), 1))
-                through[row : row + len(part.outputs), 0] = path.through
-                d = np.hstack([d, through])
-                inputs.append(f"{name} delayed")
-        first, row = first + len(part.states), row + len(part.outputs)
-    links = []
-    first, entry, row = 0, 0, 0
-    for name, part in own.items():
-        n, m, p = len(part.states), len(part.inputs), len(part.outputs)
-        for number, path in enumerate(inner.get(name, ()), 1):
+    behind = {
+        name: [blocks.fed(f"{name} delayed", part, path.gains, path.through) for path in hidden[name]]
+        for part in parts
+        for name in part.inputs
+        if name in hidden
+    }
+    for part, (name, _) in zip(parts, own.items(), strict=True):
+        for number, delayed in enumerate(inner.get(name, ()), 1):
             # What is delayed is an output, and what comes back an input of the instance.
-            b, d, c = np.pad(b, ((0, 0), (0, 1))), np.pad(d, ((0, 1), (0, 1))), np.pad(c, ((0, 1), (0, 0)))
-            b[first : first + n, -1], d[row : row + p, -1] = path.gains, path.through
-            c[-1, first : first + n], d[-1, entry : entry + m] = path.seen[:n], path.seen[n:]
-            inputs.append(f"{name}.delay[{number}]")
-            outputs.append(f"{name}.delay[{number}]")
-            links.append(Link(f"{inputs[-1]}{FILTER}", len(outputs) - 1, len(inputs) - 1, 1.0, path.delay))
-        first, entry, row = first + n, entry + m, row + p
+            port = f"{name}.delay[{number}]"
+            target = blocks.fed(port, part, delayed.gains, delayed.through)
+            source = blocks.seen(port, part, delayed.seen)
+            links.append(Link(f"{port}{FILTER}", source, target, 1.0, delayed.delay))
     for name, places in behind.items():
-        if len(places) == 1:
-            continue
-        # Several paths part behind the input, which passes its value on to them.
-        d = np.vstack([d, np.zeros((1, d.shape[1]))])
-        c = np.vstack([c, np.zeros((1, c.shape[1]))])
-        d[-1, inputs.index(name)] = 1.0
-        outputs.append(f"{name} passed")
-        links += [
-            Link(f"{name}{FILTER}", len(outputs) - 1, place, 1.0, path.delay)
-            for place, path in zip(places, hidden[name], strict=True)
-        ]
+        if len(places) > 1:
+            # The input passes its value on to several paths.
+            source = blocks.passed(name)
+            links += [
+                Link(f"{name}{FILTER}", source, place, 1.0, path.delay)
+                for place, path in zip(places, hidden[name], strict=True)
+            ]
     for index, one in enumerate(chains):
-        if one.source not in outputs:
+        if one.source not in blocks.outputs:
             continue  # a parameter-like output that nothing drives
-        source, gain = outputs.index(one.source), one.gain
+        source, gain = blocks.outputs.index(one.source), one.gain
         for place, _ in enumerate(one.lags):
             name = f"{one.target}{FILTER}" + (f"[{place}]" if place else "") + f"@{index}"
-            links.append(Link(f"{one.connection}{FILTER}", source, inputs.index(name), 1.0))
-            source = outputs.index(name)
+            links.append(Link(f"{one.connection}{FILTER}", source, blocks.inputs.index(name), 1.0))
+            source = blocks.outputs.index(name)
         if len(behind.get(one.target, ())) == 1:
             (path,) = hidden[one.target]
             links.append(Link(one.connection, source, behind[one.target][0], gain, one.delay + path.delay))
         else:
-            links.append(Link(one.connection, source, inputs.index(one.target), gain, one.delay))
-    return DelaySystem(a, b, c, d, tuple(states), tuple(inputs), tuple(outputs), tuple(links))
+            links.append(Link(one.connection, source, blocks.inputs.index(one.target), gain, one.delay))
+    return blocks.closed(links)
+
+
+def _filter(name: str, index: int, lag: float) -> StateSpace:
+    """A low-pass filter of a connection, its place among them `index`, as a block of its own."""
+    rate, port = np.array([[1.0 / lag]]), (f"{name}@{index}",)
+    return StateSpace(-rate, rate, np.eye(1), np.zeros((1, 1)), (name,), port, port)
+
+
+class _Blocks:
+    """State spaces side by side, with further inputs and outputs."""
+
+    def __init__(self, parts: Sequence[StateSpace]) -> None:
+        self.states = [name for one in parts for name in one.states]
+        self.inputs = [name for one in parts for name in one.inputs]
+        self.outputs = [name for one in parts for name in one.outputs]
+        # Of no blocks block_diag makes one column.
+        self.a, self.b, self.c, self.d = (
+            scipy.linalg.block_diag(*(getattr(one, name) for one in parts)) if parts else np.zeros((0, 0))
+            for name in "abcd"
+        )
+        self._state = {name: place for place, name in enumerate(self.states)}
+        self._input = {name: place for place, name in enumerate(self.inputs)}
+        self._output = {name: place for place, name in enumerate(self.outputs)}
+
+    def fed(self, name: str, part: StateSpace, gains: Array, through: Array) -> int:
+        """Add an input that acts on the states and outputs of a part. Returns: its place."""
+        self.b, self.d = (np.pad(one, ((0, 0), (0, 1))) for one in (self.b, self.d))
+        self.b[[self._state[one] for one in part.states], -1] = gains
+        self.d[[self._output[one] for one in part.outputs], -1] = through
+        self.inputs.append(name)
+        return len(self.inputs) - 1
+
+    def seen(self, name: str, part: StateSpace, shares: Array) -> int:
+        """Add an output that shows states and inputs of a part. Returns: its place."""
+        self.c, self.d = (np.pad(one, ((0, 1), (0, 0))) for one in (self.c, self.d))
+        n = len(part.states)
+        self.c[-1, [self._state[one] for one in part.states]] = shares[:n]
+        self.d[-1, [self._input[one] for one in part.inputs]] = shares[n:]
+        self.outputs.append(name)
+        return len(self.outputs) - 1
+
+    def passed(self, name: str) -> int:
+        """Add an output that shows an input. Returns: its place."""
+        self.c, self.d = (np.pad(one, ((0, 1), (0, 0))) for one in (self.c, self.d))
+        self.d[-1, self._input[name]] = 1.0
+        self.outputs.append(f"{name} passed")
+        return len(self.outputs) - 1
+
+    def closed(self, links: Sequence[Link]) -> DelaySystem:
+        """The system with links from outputs to inputs."""
+        states, inputs, outputs = map(tuple, (self.states, self.inputs, self.outputs))
+        return DelaySystem(self.a, self.b, self.c, self.d, states, inputs, outputs, tuple(links))
