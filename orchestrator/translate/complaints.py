@@ -267,6 +267,14 @@ _RULES: tuple[Rule, ...] = (
         ),
     ),
     (
+        r"expected a numeric expression, found Enumeration",
+        lambda s, m: (
+            s.start(),
+            "an enumeration stands where a number is needed; Integer(e) is its number, where e is a variable "
+            "that this class declares",
+        ),
+    ),
+    (
         r"missing source scope for imports",
         lambda s, m: (
             s.find("(", ","),

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 from orchestrator.base.errors import BuildError
 
-from .declared_classes import ClassPart, DeclaredClass, DeclaredClasses
+from .declared_classes import ClassPart, DeclaredClass, DeclaredClasses, own_tokens
 from .lexer import Token, closing
 from .modifiers import arguments
 from .source_edits import edited, path_end, path_of, text_end, words_of
@@ -40,7 +40,7 @@ def refuse_single_components(tree: SourceTree, model: str, names: Iterable[str])
 
 def with_component_arrays(texts: Mapping[str, str]) -> dict[str, str]:
     """The files that change, with these: sizes are written out, and what elements get, element by element."""
-    if not any(re.search(r"\[[^\]]*\bsize\s*\(|\](\s*\w+)?\s*\(", text) for text in texts.values()):
+    if not any(re.search(r"\bsize\s*\(|\](\s*\w+)?\s*\(", text) for text in texts.values()):
         return {}
     found = _Components(dict(texts), "", ()).edits()
     return {path: edited(texts[path], edits) for path, edits in found.items()}
@@ -73,12 +73,15 @@ class _Components(DeclaredClasses):
     def edits(self) -> dict[str, list[tuple[int, int, str]]]:
         found: dict[str, list[tuple[int, int, str]]] = {}
         for one in self._all():
+            if one.file in self._texts:
+                found.setdefault(one.file, []).extend(self._sizes_of(one, own_tokens(one), True))
             for part in one.parts if one.file in self._texts else ():
                 for at, opening in part.names if part.kind == "components" else ():
                     sizes, edits = _dimensions(one, part, at), found.setdefault(one.file, [])
+                    built_in = self._is_built_in(one, part)
                     for first, end in sizes:
-                        edits += self._replaced(one, part, first, end)
-                    if len(sizes) == 1 and opening >= 0 and not self._is_built_in(one, part):
+                        edits += self._sizes_of(one, range(first, end), built_in)
+                    if len(sizes) == 1 and opening >= 0 and not built_in:
                         edits += self._given(one, opening, words_of(one.tokens[slice(*sizes[0])]))
         return {file: sorted(set(edits)) for file, edits in found.items() if edits}
 
@@ -157,18 +160,31 @@ class _Components(DeclaredClasses):
     def _name(self, one: DeclaredClass, at: int, behind: int) -> tuple[str, list[str] | None, int]:
         """A name's element, its sizes (None where they are not known), and the token behind it."""
         tokens, text = one.tokens, words_of(one.tokens[at:behind])
-        found = self._declared(one, text) if behind == at + 1 else None
-        if found is None or found[1].path[1] == 0:
-            return text, [] if text.startswith("Modelica . Constants") else None, behind
-        owner, part = found
-        place = next(here for here, _ in part.names if owner.tokens[here].text == text)
-        sizes = [words_of(owner.tokens[slice(*size)]) for size in _dimensions(owner, part, place)]
+        if text.startswith("Modelica . Constants"):
+            return text, [], behind
+        inner: DeclaredClass | None = one
+        texts, all_sizes, sizes = list[str](), list[str](), list[str]()
+        for name in text.split(" . "):
+            found = self._declared(inner, name) if inner is not None else None
+            if found is None or found[1].path[1] == 0:
+                return text, None, behind
+            owner, part = found
+            place = next(here for here, _ in part.names if owner.tokens[here].text == name)
+            sizes = [words_of(owner.tokens[slice(*size)]) for size in _dimensions(owner, part, place)]
+            texts.append(f"{name}[{_INDEX}]" if sizes else name)
+            all_sizes += sizes
+            inner = self._type_of(owner, part)
         if tokens[behind].text != "[":
-            return (f"{text}[{_INDEX}]" if sizes else text), sizes, behind
+            return ".".join(texts), all_sizes, behind
         close = closing(tokens, behind)
-        inside = words_of(tokens[behind : close + 1])
-        plain = len(sizes) == inside.count(",") + 1 and not set("{:(") & set(inside)
-        return f"{text}{inside}", [] if plain else None, close + 1
+        inside = [words_of(tokens[a : b + 1]) for a, b in arguments(tokens, behind)]
+        if len(inside) != len(sizes) or sizes != all_sizes or any(set("{(") & set(one) for one in inside):
+            return text, None, behind
+        left = [size for size, one in zip(sizes, inside, strict=True) if one == ":"]
+        if any(":" in one and one != ":" for one in inside):
+            return text, None, behind
+        subscripts = ", ".join(_INDEX if one == ":" else one for one in inside)
+        return f"{text}[{subscripts}]", left, close + 1
 
     def _is_built_in(self, one: DeclaredClass, part: ClassPart) -> bool:
         """Whether an element is of a built-in type, or one whose class is not known."""
@@ -177,16 +193,17 @@ class _Components(DeclaredClasses):
     def _type_of(self, one: DeclaredClass, part: ClassPart) -> DeclaredClass | None:
         return self._resolved(path_of(one.tokens, *part.path), one.name, {}) if part.path[1] else None
 
-    def _replaced(
-        self, one: DeclaredClass, part: ClassPart, first: int, end: int
+    def _sizes_of(
+        self, one: DeclaredClass, places: Iterable[int], built_in: bool
     ) -> Iterator[tuple[int, int, str]]:
-        tokens, built_in = one.tokens, self._is_built_in(one, part)
-        for at in range(first, end):
+        """Sizes of arrays, written out; `built_in`: those of arrays of components alone."""
+        tokens = one.tokens
+        for at in places:
             words = [token.text for token in tokens[at : at + 6]]
             if [*words[:2], *words[3::2]] != ["size", "(", ",", ")"] or not words[4].isdigit():
                 continue
-            places = ((other, place) for other in one.parts for place, _ in other.names)
-            declared = next((found for found in places if tokens[found[1]].text == words[2]), None)
+            names = ((other, place) for other in one.parts for place, _ in other.names)
+            declared = next((found for found in names if tokens[found[1]].text == words[2]), None)
             if declared is None or (built_in and self._is_built_in(one, declared[0])):
                 continue  # the compiler knows it
             sizes = _dimensions(one, *declared)

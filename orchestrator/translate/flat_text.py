@@ -325,6 +325,9 @@ class _Printer:
                 return f"{self._text(body['base'], _LAST)}[{subs}]"
             case "Array" if "elements" in body:
                 return f"{{{', '.join(map(self._text, body['elements']))}}}"
+            case "ArrayComprehension" if not body.get("filter"):
+                over = [f"{one['name']} in {self._text(one['range'])}" for one in body["indices"]]
+                return f"{{{self._text(body['expr'])} for {', '.join(over)}}}"
             case "Tuple" if "elements" in body:
                 return f"({', '.join(map(self._text, body['elements']))})"
             case "BuiltinCall":

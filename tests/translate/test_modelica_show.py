@@ -59,6 +59,8 @@ CIRCUIT = """model Model
   Real x[n](each start=1, each fixed=true);
   Mode mode(start=Mode.low, fixed=true);
   discrete Real held(start=0, fixed=true);
+  Real grid[2, 3] = {{(10*i + j)*time for j in 1:3} for i in 1:2};
+  Real total = sum(i*x[i] for i in 1:n) + max(if i > 1 then x[i] else 0 for i in 1:n);
   output Real y = cubed(x[1]) - (if store.v > 0.5 then 2^2 else -1) + (-x[2])^2 - (x[1] - x[2]);
 equation
   connect(store.p, one.p);

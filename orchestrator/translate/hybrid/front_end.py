@@ -233,8 +233,8 @@ def prepared(
     texts = {path: path.read_bytes().decode() for path in before}
     named = {path.relative_to(folder).as_posix(): text for path, text in texts.items()}
     named |= with_members(named, rewritten)
-    named |= with_component_arrays(named)
-    named |= with_plain_iterators(named)
+    for rewrite in (with_plain_iterators, with_component_arrays, with_plain_iterators):
+        named |= rewrite(named)
     texts = {folder / path: text for path, text in named.items()}
     objects |= external_objects(texts.values())
     common, models = _of_all(tree)

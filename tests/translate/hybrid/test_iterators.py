@@ -184,6 +184,9 @@ end M;""",
     parameter Real v[n] = {{1, 2, 4}};
     Decay a[n](k=1:n), b[n](k=2*(1:n)), c[n](k=linspace(1, 2, n)), d[n](k=v/2 - ones(n), x(start=3*v));
     Decay g[3](k=3:-1:1), h[3](each k=v[3]);
+    parameter Real w[2, 3] = [1, 2, 3; 4, 5, 6];
+    Decay e[3](k=w[2, :]/2), f[3](k=2*a.k);
+    Real s = sum(one.k for one in a);
   end M;
 end M;""",
         {
@@ -193,6 +196,9 @@ end M;""",
             "d[3].x": 12 * math.exp(-1),
             "g[1].x": math.exp(-3),
             "h[2].x": math.exp(-4),
+            "e[3].x": math.exp(-3),
+            "f[2].x": math.exp(-4),
+            "s": 6,
         },
     ),
     "matrices for arrays of components": (
