@@ -267,6 +267,14 @@ _RULES: tuple[Rule, ...] = (
         ),
     ),
     (
+        r"`when assignment`: `([^`]+)` is not a discrete coordinate",
+        lambda s, m: (
+            s.find("when"),
+            f"a when-equation that sets elements of an array ({m[1]}) is not supported where it holds a for "
+            "or its equations need each other; write it as an algorithm section",
+        ),
+    ),
+    (
         r"expected a numeric expression, found Enumeration",
         lambda s, m: (
             s.start(),
@@ -283,7 +291,12 @@ _RULES: tuple[Rule, ...] = (
     ),
     (
         r"unresolved Flat reference `(\w+)`",
-        lambda s, m: (s.find(m[1]), f"{m[1]}() is not supported{_INSTEAD.get(m[1], '')}"),
+        lambda s, m: (
+            s.find(m[1]),
+            f"{m[1]}() is not supported{_INSTEAD.get(m[1], '')}"
+            if s.find(m[1], "(") != s.start()
+            else f"this use of `{m[1]}` as a whole is not supported; name its elements",
+        ),
     ),
     (
         r"expression shape mismatch",

@@ -15,7 +15,7 @@ from orchestrator.base.errors import BuildError
 from .declared_classes import ClassPart, DeclaredClass, DeclaredClasses, own_tokens
 from .lexer import Token, closing
 from .modifiers import arguments
-from .source_edits import edited, path_end, path_of, text_end, words_of
+from .source_edits import edited, outermost, path_end, path_of, text_end, words_of
 from .sources import SourceTree
 
 __all__ = ["refuse_single_components", "with_component_arrays"]
@@ -23,6 +23,7 @@ __all__ = ["refuse_single_components", "with_component_arrays"]
 _INDEX = "adapted_index"
 _SCALAR_FUNCTIONS = frozenset("abs sqrt exp log log10 sin cos tan asin acos atan sinh cosh tanh".split())
 _SIGNS = frozenset(("(", ")", "+", "-", "*", "/", ".*", "./", ".+", ".-"))
+_MOST_ROUNDS = 20
 _ELEMENT = re.compile(r"\.(?![^\[]*\])")
 
 
@@ -40,10 +41,15 @@ def refuse_single_components(tree: SourceTree, model: str, names: Iterable[str])
 
 def with_component_arrays(texts: Mapping[str, str]) -> dict[str, str]:
     """The files that change, with these: sizes are written out, and what elements get, element by element."""
-    if not any(re.search(r"\bsize\s*\(|\](\s*\w+)?\s*\(", text) for text in texts.values()):
+    if not any(re.search(r"\bsize\s*\(|\bend\s*\]|\](\s*\w+)?\s*\(", text) for text in texts.values()):
         return {}
-    found = _Components(dict(texts), "", ()).edits()
-    return {path: edited(texts[path], edits) for path, edits in found.items()}
+    changed: dict[str, str] = {}
+    for _ in range(_MOST_ROUNDS):  # a size may follow from another one
+        found = _Components({**texts, **changed}, "", ()).edits()
+        if not found:
+            break
+        changed |= {path: edited(changed.get(path, texts[path]), edits) for path, edits in found.items()}
+    return changed
 
 
 class _Components(DeclaredClasses):
@@ -74,7 +80,9 @@ class _Components(DeclaredClasses):
         found: dict[str, list[tuple[int, int, str]]] = {}
         for one in self._all():
             if one.file in self._texts:
-                found.setdefault(one.file, []).extend(self._sizes_of(one, own_tokens(one), True))
+                places = list(own_tokens(one))
+                edits = found.setdefault(one.file, [])
+                edits += [*self._sizes_of(one, places, True), *self._ends(one, places)]
             for part in one.parts if one.file in self._texts else ():
                 for at, opening in part.names if part.kind == "components" else ():
                     sizes, edits = _dimensions(one, part, at), found.setdefault(one.file, [])
@@ -83,7 +91,7 @@ class _Components(DeclaredClasses):
                         edits += self._sizes_of(one, range(first, end), built_in)
                     if len(sizes) == 1 and opening >= 0 and not built_in:
                         edits += self._given(one, opening, words_of(one.tokens[slice(*sizes[0])]))
-        return {file: sorted(set(edits)) for file, edits in found.items() if edits}
+        return {file: outermost(set(edits)) for file, edits in found.items() if edits}
 
     def _given(self, one: DeclaredClass, opening: int, size: str) -> Iterator[tuple[int, int, str]]:
         """Values in the bracket that modifies an array of components, written element by element."""
@@ -202,16 +210,35 @@ class _Components(DeclaredClasses):
             words = [token.text for token in tokens[at : at + 6]]
             if [*words[:2], *words[3::2]] != ["size", "(", ",", ")"] or not words[4].isdigit():
                 continue
-            names = ((other, place) for other in one.parts for place, _ in other.names)
-            declared = next((found for found in names if tokens[found[1]].text == words[2]), None)
-            if declared is None or (built_in and self._is_built_in(one, declared[0])):
-                continue  # the compiler knows it
-            sizes = _dimensions(one, *declared)
+            sizes = self._sizes(one, words[2], built_in)
             number = int(words[4])
-            if 0 < number <= len(sizes):
-                text = words_of(tokens[slice(*sizes[number - 1])])
-                if text != ":":
-                    yield tokens[at].start, text_end(tokens[at + 5]), f"({text})"
+            if 0 < number <= len(sizes) and sizes[number - 1] != ":":
+                yield tokens[at].start, text_end(tokens[at + 5]), f"({sizes[number - 1]})"
+
+    def _ends(self, one: DeclaredClass, places: Iterable[int]) -> Iterator[tuple[int, int, str]]:
+        """The last subscript of an array of components, written out."""
+        tokens = one.tokens
+        for at in places:
+            if tokens[at].text != "[" or tokens[at - 1].kind != "name" or tokens[at - 2].text == ".":
+                continue
+            close = closing(tokens, at)
+            ends = [place for place in range(at + 1, close) if tokens[place].text == "end"]
+            if not ends or any(tokens[place].text == "[" for place in range(at + 1, close)):
+                continue
+            sizes = self._sizes(one, tokens[at - 1].text, True)
+            for place in ends if len(sizes) == 1 else ():
+                yield tokens[place].start, text_end(tokens[place]), f"({sizes[0]})"
+
+    def _sizes(self, one: DeclaredClass, name: str, built_in: bool) -> list[str]:
+        """The sizes of an element of a class, as text; `built_in`: those of arrays of components alone."""
+        found = self._declared(one, name)
+        if found is None or found[1].kind != "components":
+            return []
+        owner, part = found
+        if built_in and self._is_built_in(owner, part):
+            return []  # the compiler knows it
+        place = next(at for at, _ in part.names if owner.tokens[at].text == name)
+        return [words_of(owner.tokens[slice(*size)]) for size in _dimensions(owner, part, place)]
 
 
 def _range(tokens: Sequence[Token], first: int, end: int) -> list[str]:

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from .lexer import Token, closing, tokenise
 from .sources import line_mark
 
-__all__ = ["edited", "on_one_line", "path_end", "path_of", "statement_end", "text_end", "words_of"]
+__all__ = [
+    "edited",
+    "on_one_line",
+    "outermost",
+    "path_end",
+    "path_of",
+    "statement_end",
+    "text_end",
+    "words_of",
+]
 
 
 def path_end(tokens: Sequence[Token], at: int) -> int:
@@ -60,6 +69,15 @@ def edited(text: str, edits: Sequence[tuple[int, int, str]], marked: int = 0) ->
             new.append(f" {line_mark(line)} ")
         place = end
     return "".join([*new, _marked(text[place:], line) if marked else text[place:]])
+
+
+def outermost(edits: Iterable[tuple[int, int, str]]) -> list[tuple[int, int, str]]:
+    """Edits of which none begins within another: the rest follows in later rounds."""
+    kept: list[tuple[int, int, str]] = []
+    for one in sorted(edits, key=lambda edit: (edit[0], -edit[1])):
+        if not kept or one[0] >= kept[-1][1]:
+            kept.append(one)
+    return kept
 
 
 def _marked(text: str, line: int) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from ..lexer import CLOSING, OPENING, Token, closing, tokenise
-from ..source_edits import edited, on_one_line, path_end, statement_end, text_end
+from ..source_edits import edited, on_one_line, outermost, path_end, statement_end, text_end
 
 __all__ = ["with_plain_iterators"]
 
@@ -44,7 +44,7 @@ def with_plain_iterators(texts: Mapping[str, str]) -> dict[str, str]:
     changed = {}
     for path, before in texts.items():
         text = before
-        while edits := _outermost(_edits(text, tokenise(text, path), kinds)):
+        while edits := outermost(_edits(text, tokenise(text, path), kinds)):
             text = edited(text, edits)
         if text != before:
             changed[path] = text
@@ -90,15 +90,6 @@ def _number(tokens: Sequence[Token], first: int, end: int, kinds: _Kinds) -> str
         return ""
     cases = [f"if {name} == {kind}.{member} then {n}" for n, member in enumerate(members[:-1], 1)]
     return f"({' else '.join(cases)} else {len(members)})" if cases else "1"
-
-
-def _outermost(edits: Iterator[_Edit]) -> list[_Edit]:
-    """Edits of which none begins within another: the rest follows in later rounds."""
-    kept: list[_Edit] = []
-    for one in sorted(edits, key=lambda edit: (edit[0], -edit[1])):
-        if not kept or one[0] >= kept[-1][1]:
-            kept.append(one)
-    return kept
 
 
 def _edits(text: str, tokens: Sequence[Token], kinds: _Kinds) -> Iterator[_Edit]:

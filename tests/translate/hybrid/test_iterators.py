@@ -243,12 +243,19 @@ end M;""",
   model M
     parameter Integer n = 3;
     Decay a[n](k={{1, 2, 3}});
-    Decay b[size(a, 1)](each k=2);
+    Decay b[size(a, 1)](each k=2), c2[size(a, 1)](k=2*(1:size(a, 1)));
+    Real last = a[end].x + sum(a[i].k for i in 1:size(a, 1) - 1);
     Real c[size(a, 1)] = {{i*time for i in 1:size(a, 1)}};
     Real s = sum(b.x) + sum(c);
   end M;
 end M;""",
-        {"a[3].x": math.exp(-3), "b[3].x": math.exp(-2), "s": 3 * math.exp(-2) + 6},
+        {
+            "a[3].x": math.exp(-3),
+            "b[3].x": math.exp(-2),
+            "s": 3 * math.exp(-2) + 6,
+            "last": math.exp(-3) + 3,
+            "c2[3].x": math.exp(-6),
+        },
     ),
 }
 
