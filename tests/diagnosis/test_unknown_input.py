@@ -26,11 +26,13 @@ from orchestrator.diagnosis.study.study import Role
 from orchestrator.diagnosis.unknown_input.answer import answer
 from orchestrator.diagnosis.unknown_input.corrected import write_corrected
 from orchestrator.diagnosis.unknown_input.diagnose import DiagnosedSystem
-from orchestrator.diagnosis.unknown_input.law_fit import Candidate, readable, spread_out
+from orchestrator.diagnosis.unknown_input.law_fit import Candidate, readable, spread_out, starts_of
 from orchestrator.diagnosis.unknown_input.laws import library
 from orchestrator.diagnosis.unknown_input.model import Inserted, StateModel
 from orchestrator.diagnosis.unknown_input.places import Runs, rank
 from orchestrator.diagnosis.unknown_input.played import LawEffect, PlayedModel
+from orchestrator.diagnosis.unknown_input.polish import Replays
+from orchestrator.diagnosis.unknown_input.response import Responses
 from orchestrator.diagnosis.unknown_input.search import kin_of
 from orchestrator.diagnosis.unknown_input.separate import Simulable, separating
 from orchestrator.system.connection import Port
@@ -364,6 +366,36 @@ def test_laws_as_effects_do_what_they_do_in_state_form(name: str) -> None:
         "saturation": np.clip(signal, -0.02, 0.02),
     }[name]
     np.testing.assert_allclose(np.array(found)[at], expected[at], atol=2e-4)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_what_small_laws_change_is_predicted_without_simulation(fmus: Path, held: bool) -> None:
+    path = logged(fmus, lambda x, v: 0.0)
+    if held:
+        text = path.read_text(encoding="utf-8").replace("unit: N}", "unit: N, hold: true}")
+        path = path.with_name("held.yaml")
+        path.write_text(text, encoding="utf-8")
+    study, differ = load_port_study(path), []
+    with StateModel(study) as model:
+        runs, places = Runs(model, study.of(Role.TRAIN)), model.places()
+        starts = [each[3] for each in runs.data]
+        responses = Responses(runs, [], model.nominal, starts, 200, places)
+        every = [one for place in places for late in (False, True) for one in readable(model, place, late)]
+        for one in [one for one in every if one.law.linear]:
+            replays = Replays(runs, [one.inserted], 200, starts)
+            for begin in starts_of(one, runs):
+                numbers = np.array([1e-4 * runs.spread_at(one.place), *begin[1:]])
+                other = np.r_[-numbers[0], numbers[1:]]
+                simulated = replays.residual(np.r_[model.nominal, numbers])
+                simulated = 0.5 * (simulated - replays.residual(np.r_[model.nominal, other]))
+                size = float(np.linalg.norm(simulated))
+                if 0.0 < size < 1e3:
+                    left = float(np.linalg.norm(responses.of(one, numbers) - simulated))
+                    differ.append((left / size, one.name, begin))
+    assert len(differ) > 100
+    # Steps, and what bends within a sample, are not resolved as a simulation does.
+    assert float(np.median([one for one, *_ in differ])) < 2e-3, sorted(differ)[-20:]
+    assert float(np.quantile([one for one, *_ in differ], 0.97)) < 0.1, sorted(differ)[-20:]
 
 
 def test_an_experiment_separates_laws_that_agree_on_the_logs(fmus: Path) -> None:

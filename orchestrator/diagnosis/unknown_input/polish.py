@@ -17,10 +17,10 @@ from .model import Inserted
 from .places import Runs
 from .smoother import sensitive
 
-__all__ = ["Polished", "Replays", "correlation_length", "polished"]
+__all__ = ["WORST", "Polished", "Replays", "correlation_length", "polished"]
 
 Array = NDArray[np.float64]
-_WORST = 1e5  # residuals over the noise are cut off there, where a simulation runs away
+WORST = 1e5  # residuals over the noise are cut off there, where a simulation runs away
 _STEEPEST = 1e100  # derivatives are cut off there
 _STEP = 1e-5  # of finite differences, over the size of a number
 
@@ -79,8 +79,8 @@ class Replays:
     def compared(self, index: int, found: Array) -> Array:
         """The residual of a simulated run."""
         logged = self.data[index][2]
-        left = np.clip(found - logged, -_WORST * self.model.noise, _WORST * self.model.noise)
-        return np.nan_to_num((left / self.model.noise)[self.settled :][self.masks[index]], nan=_WORST)
+        left = np.clip(found - logged, -WORST * self.model.noise, WORST * self.model.noise)
+        return np.nan_to_num((left / self.model.noise)[self.settled :][self.masks[index]], nan=WORST)
 
     def residual(self, constants: Array, starts: Sequence[Array] | None = None) -> Array:
         """The residuals of all runs, one after the other."""

@@ -1,7 +1,9 @@
-"""Score laws by their effect on the simulation, one simulation a law.
+"""Score laws by their effect on the simulation.
 
 The calibrated model's residual is regressed on what a law changes in the outputs, beside what parameters and
 start states change (a score test). Laws and pairs of laws that explain much of the residual are worth a fit.
+A law in proportion to its amplitude is predicted from the derivatives along the runs, where these are known.
+Others take a simulation each.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ from ...base.parallel import in_parallel
 from .law_fit import Candidate, readable, starts_of
 from .model import Inserted, Kinds, Place
 from .places import Runs
-from .polish import Replays
+from .polish import WORST, Replays
+from .response import Responses
 
 __all__ = ["SAMPLES", "Scores", "odds_of", "scored"]
 
@@ -27,6 +30,9 @@ Array = NDArray[np.float64]
 SAMPLES, _SMALL = 1500, 1e-3
 # Share of the residual below which a law is not tried again.
 _FAINT = 0.05
+# Of a law that is not in proportion to its amplitude: begins that are simulated, and the predicted share of
+# the residual from which on they are.
+_STARTS, _UNSEEN = 3, 0.005
 # Laws whose effects agree this well are one for the logs.
 _SAME = 0.9999
 
@@ -92,6 +98,22 @@ def scored(
     left = np.r_[weight * residual, away]
     left -= basis @ (basis.T @ left)
     whole = float(left @ left)
+    small = Responses(runs, laws, constants, starts, SAMPLES, places) if runs.model.filters else None
+    followed = np.abs(residual) < WORST
+
+    def promising(one: Candidate) -> list[Array]:
+        """Numbers where a law is tried: of many, those that are predicted to leave least."""
+        starts = [np.array(start) for start in starts_of(one, runs)]
+        if small is None or one.law.linear:
+            return starts
+        found = []
+        for numbers in starts:
+            change = np.r_[weight * np.where(followed, small.of(one, numbers), 0.0), np.zeros(len(away))]
+            change -= basis @ (basis.T @ change)
+            along, power = float(change @ left), float(change @ change)
+            if along**2 > _UNSEEN * whole * power:
+                found.append((2.0 * along + power, numbers))
+        return [numbers for _, numbers in sorted(found, key=lambda each: each[0])[:_STARTS]]
 
     def changed(place: Place, candidates: Sequence[Candidate]) -> list[tuple[Candidate, Array]]:
         """Laws at a place that change the residual, and what they change."""
@@ -101,8 +123,7 @@ def scored(
             with_law = Replays(runs, [*laws, one.inserted], SAMPLES, starts)
             best: tuple[Candidate, Array] | None = None
             most_gained = -np.inf
-            for start in starts_of(one, runs):
-                numbers = np.array(start)
+            for numbers in promising(one):
                 if law.linear:
                     read = list(one.inserted.signals)
                     typical = law.typical(
@@ -113,8 +134,11 @@ def scored(
                         continue
                     numbers[0] *= _SMALL * runs.spread_at(place) / typical
                 # A law that is tried late is tried again with the amplitude that this gives.
-                for _ in range(1 + late):
-                    change = with_law.residual(np.concatenate([constants, numbers])) - residual
+                for again in range(1 + late):
+                    if small is not None and law.linear and not again:
+                        change = np.where(followed, small.of(one, numbers), 0.0)
+                    else:
+                        change = with_law.residual(np.concatenate([constants, numbers])) - residual
                     before, beside = float(change @ change), change - free @ (free.T @ change)
                     # What parameters and start states change as well is no other law.
                     if not np.isfinite(before) or float(beside @ beside) <= 1e-6 * before:

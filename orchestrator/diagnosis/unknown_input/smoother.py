@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from ...base.compiled_functions import njit
 from .model import Inserted, Place, StateModel, acts_of, evaluate, past_of
 
-__all__ = ["Smoothed", "filtered", "sensitive", "signals_along", "simulated", "substeps"]
+__all__ = [
+    "Smoothed", "Tangent", "filtered", "sensitive", "signals_along", "simulated", "substeps", "tangent",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -113,6 +115,31 @@ def _jacobians(rows, wiring, z, n, ext, t, acts, signals, u, y, delta, measured,
     if nw == 2:
         a[nz - 2, nz - 1] = 1.0
     return a, c, y0
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """An open run, and how small inputs at some places change it.
+
+    m is the number of states, those of inserted laws among them. An input changes linearly within a sample.
+
+    Attributes:
+        signals: [states, inputs, outputs] at each sample. ends: the same just before it, where held signals
+            still have their last values. Shape (samples, signals).
+        onward, first, last: what the states' change, and an input's effect on derivatives at the begin and at
+            the end of the interval before a sample, make of the states there, shape (samples, m, m).
+        rates, direct: derivatives of the states' rates and of the compared signals by an input, shapes
+            (samples, places, m) and (samples, places, compared). seen: of compared signals by states.
+    """
+
+    signals: Array
+    ends: Array
+    onward: Array
+    first: Array
+    last: Array
+    rates: Array
+    direct: Array
+    seen: Array
 
 
 @njit()
@@ -265,6 +292,80 @@ def _sensitive(rows, wiring, z, n, ext, held, h, sub, acts, signals, delta, nu, 
 
 
 @njit()
+def _between(a, sub, h, onward, first, last):
+    """Transition over a sample, and the effect of what changes linearly within it; see `Tangent`."""
+    d = h / sub
+    eye = np.eye(len(a))
+    g = a * d
+    one = eye + g @ (eye + g @ (eye / 2.0 + g @ (eye / 6.0 + g / 24.0)))
+    whole = d * (eye + g @ (eye / 2.0 + g @ (eye / 6.0 + g / 24.0)))
+    rising = d * (eye / 2.0 + g @ (eye / 6.0 + g / 24.0))
+    onward[:] = eye
+    for j in range(sub):
+        begin, end = j / sub, (j + 1) / sub
+        onward[:] = one @ onward
+        first[:] = one @ first + (whole - rising) * (1.0 - begin) + rising * (1.0 - end)
+        last[:] = one @ last + (whole - rising) * begin + rising * end
+
+
+@njit()
+def _tangent(
+    rows, wiring, z, n, ext, held, h, sub, acts, signals, delta, w_acts, w_delta, nu, ny, measured
+):  # fmt: skip
+    u, y = np.zeros(nu), np.zeros(ny)
+    count, nx, m, places = len(ext), n[0], n[0] + n[1], len(w_acts)
+    signal, ends = np.full((count, nx + nu + ny), np.nan), np.zeros((count, nx + nu + ny))
+    onward, first, last = np.zeros((count, m, m)), np.zeros((count, m, m)), np.zeros((count, m, m))
+    rates, direct = np.zeros((count, places, m)), np.zeros((count, places, len(measured)))
+    seen = np.zeros((count, len(measured), m))
+    past, now, call = past_of(acts, count * sub)
+    now[2] = h / sub
+    w_past, w_now, w_call = past_of(acts, 0)
+    w_past = np.zeros((len(acts) + 1, 0, 3))
+    z, room = z.copy(), _room(z, held)
+    r0, r1, before = np.zeros(m), np.zeros(m), np.zeros((m, m))
+    c = len(z) - 1
+    for k in range(count):
+        if k > 0:
+            _step(
+                rows, wiring, z, n, ext[k - 1], ext[k], held, (k - 1) * h, h, acts, signals, u, y, sub,
+                past, now, call, room,
+            )  # fmt: skip
+        if not np.all(np.isfinite(z)):
+            break
+        if k > 0 and np.any(held):
+            e1 = np.where(held, ext[k - 1], ext[k])
+            _rate(rows, wiring, z, n, e1, k * h, acts, signals, u, y, r1[:nx], r1[nx:], past, now, call)
+            ends[k, :nx], ends[k, nx : nx + nu], ends[k, nx + nu :] = z[:nx], u, y
+        _rate(rows, wiring, z, n, ext[k], k * h, acts, signals, u, y, r0[:nx], r0[nx:], past, now, call)
+        signal[k, :nx], signal[k, nx : nx + nu], signal[k, nx + nu :] = z[:nx], u, y
+        if k == 0 or not np.any(held):
+            ends[k] = signal[k]
+        a, by, y0 = _jacobians(
+            rows, wiring, z[:c], n[:5] * np.array([1, 1, 1, 1, 0]), ext[k], k * h, acts, signals, u, y,
+            delta, measured, 1e-7,
+        )  # fmt: skip
+        seen[k] = by[:, :m]
+        _rate(
+            rows, wiring, z, n, ext[k], k * h, w_acts[0], signals, u, y, r0[:nx], r0[nx:],
+            w_past, w_now, w_call,
+        )  # fmt: skip
+        for place in range(places):
+            z[c] = w_delta[place]
+            _rate(
+                rows, wiring, z, n, ext[k], k * h, w_acts[place], signals, u, y, r1[:nx], r1[nx:],
+                w_past, w_now, w_call,
+            )  # fmt: skip
+            rates[k, place] = (r1 - r0) / w_delta[place]
+            direct[k, place] = (y[measured] - y0) / w_delta[place]
+        z[c] = 0.0
+        if k > 0:
+            _between(0.5 * (a[:m, :m] + before), sub, h, onward[k], first[k], last[k])
+        before = a[:m, :m].copy()
+    return signal, ends, onward, first, last, rates, direct, seen
+
+
+@njit()
 def _signals(rows, wiring, path, n, ext, h, acts, signals, nu, ny):
     u, y = np.zeros(nu), np.zeros(ny)
     count, nx = len(path), n[0]
@@ -335,6 +436,25 @@ def sensitive(
         model.rows, model.wiring, z, n, ext, held, model.study.interval, sub, acts, signals, 1e-5 * scale,
         len(model.inputs), len(model.outputs), model.measured,
     )  # fmt: skip
+
+
+def tangent(
+    model: StateModel, ext: Array, held: Any, z: Array, scale: Array, sub: int, laws: Sequence[Inserted],
+    places: Sequence[tuple[Place, float]],
+) -> Tangent:  # fmt: skip
+    """How small inputs at some places change an open run.
+
+    Args:
+        scale: size of each entry of z, for differences. places: with sizes of inputs there.
+    """
+    n, acts, signals = _where(model, laws, None, 1)
+    w_acts = np.array([_where(model, laws, place, 1)[1] for place, _ in places])
+    deltas = np.array([1e-5 * size for _, size in places])
+    made = _tangent(
+        model.rows, model.wiring, np.append(z, 0.0), n, ext, held, model.study.interval, sub, acts, signals,
+        1e-5 * scale, w_acts, deltas, len(model.inputs), len(model.outputs), model.measured,
+    )  # fmt: skip
+    return Tangent(*made)
 
 
 def filtered(
