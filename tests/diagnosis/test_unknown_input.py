@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,14 +25,15 @@ from orchestrator.diagnosis.study.player import Player
 from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.study.study import Role
 from orchestrator.diagnosis.unknown_input.answer import answer
+from orchestrator.diagnosis.unknown_input.choice import rivals_of
 from orchestrator.diagnosis.unknown_input.corrected import write_corrected
 from orchestrator.diagnosis.unknown_input.diagnose import DiagnosedSystem
-from orchestrator.diagnosis.unknown_input.law_fit import Candidate, readable, spread_out, starts_of
+from orchestrator.diagnosis.unknown_input.law_fit import Candidate, Fitted, readable, spread_out, starts_of
 from orchestrator.diagnosis.unknown_input.laws import library
 from orchestrator.diagnosis.unknown_input.model import Inserted, StateModel
 from orchestrator.diagnosis.unknown_input.places import Runs, rank
 from orchestrator.diagnosis.unknown_input.played import LawEffect, PlayedModel
-from orchestrator.diagnosis.unknown_input.polish import Replays
+from orchestrator.diagnosis.unknown_input.polish import Polished, Replays
 from orchestrator.diagnosis.unknown_input.response import Responses
 from orchestrator.diagnosis.unknown_input.search import kin_of
 from orchestrator.diagnosis.unknown_input.separate import Simulable, separating
@@ -213,7 +215,7 @@ def test_what_the_library_lacks_is_outside_and_drawn(fmus: Path, tmp_path: Path)
     command = [sys.executable, "-m", "orchestrator", "diagnose", str(study)]
     subprocess.run([*command, "--out", str(tmp_path)], check=True, capture_output=True)
     data = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
-    assert data["verdict"] == "outside" and not data["laws"] and data["probability"] <= 0.6
+    assert data["verdict"] == "outside" and not data["laws"] and data["probability"] == 0.95
     assert data["places"] and "position" not in data["places"][0]["place"]
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "against the signals there" in page and page.count("<svg") == 2
@@ -366,6 +368,26 @@ def test_laws_as_effects_do_what_they_do_in_state_form(name: str) -> None:
         "saturation": np.clip(signal, -0.02, 0.02),
     }[name]
     np.testing.assert_allclose(np.array(found)[at], expected[at], atol=2e-4)
+
+
+def test_the_same_law_elsewhere_that_explains_the_logs_as_well_is_no_rival(fmus: Path) -> None:
+    with StateModel(load_port_study(logged(fmus, lambda x, v: 0.0))) as model:
+        every = [one for place in model.places() for one in readable(model, place)]
+    (first, *_, second) = [one for one in every if one.law.name == "viscous"]
+    other = next(one for one in every if one.law.name == "coulomb")
+    assert first.place.component != second.place.component
+    matrix = np.zeros(0), np.eye(0)
+    fits = [Fitted((one,), np.ones(1), np.ones(1), 0.0, matrix) for one in (first, second, other)]
+    polished = Polished(*matrix, [], 1.0, 100, 1.0)
+    weighed = [(one, polished, nats) for one, nats in zip(fits, (0.0, -0.5, -0.5), strict=True)]
+    search: Any = SimpleNamespace(far=lambda constants: [])
+
+    probability, rivals, elsewhere = rivals_of(search, weighed, 0, 0.98, leaves=False)
+    assert elsewhere == [fits[1]] and [one for one, _ in rivals] == [fits[2]]
+    assert probability + rivals[0][1] == pytest.approx(0.98) and probability > 0.8
+    # What leaves more than noise may do so in different ways.
+    less, rivals, elsewhere = rivals_of(search, weighed, 0, 0.98, leaves=True)
+    assert less < probability and len(rivals) == 2 and not elsewhere
 
 
 @pytest.mark.parametrize("held", [False, True])

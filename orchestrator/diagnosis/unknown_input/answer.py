@@ -27,12 +27,12 @@ __all__ = ["Answer", "answer"]
 
 # Share of the logs' spread below which a residual without a name counts as none.
 _SMALL = 0.05
-# Learned on random systems (`orchestrator challenge --random 6000 --count 60`): how often answers were wrong
-# that leave at most so many times the noise on held-out runs; or more than that.
-_NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR = 1.5, 0.041, 0.53
-# Probability that the library lacks what is missing. On random systems more of these verdicts are right, but
-# machines that lack several laws at once get them too.
-_OUTSIDE = 0.6
+# How often answers are wrong that leave at most so many times the noise on held-out runs; or more than that.
+_NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR = 1.2, 0.02, 0.4
+# Probability that the library lacks what is missing; and where a law explains the other runs, but held-out
+# runs contradict it. On random systems more of these verdicts are right, but machines that lack several laws
+# at once get them too.
+_OUTSIDE, _CONTRADICTED = 0.95, 0.6
 # Least share of the gap that the nearest laws close on held-out runs to be stated.
 _HINT = 0.1
 # Probability from which on a rival is worth an experiment, and rivals that experiments separate.
@@ -126,9 +126,9 @@ def _judged(
     verdict, remarks = _verdict(search, best, closed(before, judged.remains), *shares)
     doubtful = judged.remains > _NEAR_NOISE and (best.laws or verdict == "none")
     wrong = _WRONG_FAR if doubtful else _WRONG_NEAR
-    probability, rivals = rivals_of(search, weighed, chosen, 1.0 - wrong)
+    probability, rivals, elsewhere = rivals_of(search, weighed, chosen, 1.0 - wrong, bool(doubtful))
     if verdict == "none" and best.laws:
-        best, probability, rivals = search.nothing, 1.0 - wrong, []
+        best, probability, rivals, elsewhere = search.nothing, 1.0 - wrong, [], []
     constants = best.constants if verdict == "law" else (search.base.constants, search.base.covariance)
     values, variances = constants[0], np.abs(np.diag(constants[1]))
     parameters = {
@@ -143,14 +143,19 @@ def _judged(
         named, hint = _nearest(held, weighed, calibrated.remains)
         remarks += hint
     twins = [two for one in best.laws for two in search.twins.get(one.name, [])]
-    probability = _OUTSIDE if verdict == "outside" else probability * share_among(best, search.twins)
+    known = {one.name for one in (*best.laws, *twins)}
+    twins += {law.name: law for one in elsewhere for law in one.laws if law.name not in known}.values()
+    probability = probability * share_among(best, search.twins)
+    if verdict == "outside":
+        probability = _CONTRADICTED if best.laws else _OUTSIDE
     places, estimate = _estimate(search) if verdict == "outside" and model.filters else ([], None)
     remains = judged.remains if verdict == "law" else calibrated.remains
     units = {str(port): study.unit(port) for port in (*model.states, *model.inputs, *model.outputs)}
+    separable = [*((one, 1.0) for one in elsewhere), *rivals] if verdict == "law" else []
     return Answer(
         verdict, named, probability, rivals, twins, parameters, places, estimate,
         gap.remains, calibrated.remains, remains, closed(gap.remains, remains), shares[0], traces,
-        _experiments(search, weighed, chosen, rivals) if verdict == "law" else [], units, remarks,
+        _experiments(search, weighed, chosen, separable) if verdict == "law" else [], units, remarks,
     )  # fmt: skip
 
 

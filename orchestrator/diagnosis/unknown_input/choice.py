@@ -19,6 +19,10 @@ __all__ = ["rivals_of", "share_among", "significant", "simplest"]
 _THIRD, _HALF = 0.3, 0.5
 # Learned on random systems (`orchestrator challenge --random 6000 --count 60`): nats that count as one.
 _TEMPERATURE = 1.14
+# Learned likewise: weight of a rival that its evidence makes as likely as the answer, which is the simplest.
+_RIVAL = 0.3
+# Nats within which the same laws at another place explain the logs as well.
+_AS_LIKELY = 3.0
 
 
 def simplest(search: Search, weighed: Sequence[tuple[Fitted, Polished, float]]) -> int:
@@ -93,26 +97,38 @@ def share_among(best: Fitted, twins: Mapping[str, Sequence[Candidate]]) -> float
 
 
 def rivals_of(
-    search: Search, weighed: Sequence[tuple[Fitted, Polished, float]], chosen: int, trust: float
-) -> tuple[float, list[tuple[Fitted, float]]]:
-    """Probability of the answer among those with as many laws, and the others with theirs.
+    search: Search, weighed: Sequence[tuple[Fitted, Polished, float]], chosen: int, trust: float, leaves: bool
+) -> tuple[float, list[tuple[Fitted, float]], list[Fitted]]:
+    """Probability of the answer among those with as many laws; others with theirs; the same laws elsewhere.
 
     Args:
         trust: probability that one of them is right.
+        leaves: whether the answer leaves more than noise. Where it does not, the same laws elsewhere that
+            explain the logs as well act the same on them; they count for the answer.
     """
     best, _, evidence = weighed[chosen]
     same = [one for one in weighed if len(one[0].laws) == len(best.laws)]
     # Rivals that need a parameter beyond its tolerance, where the answer does not, are no rivals.
     same = [one for one in same if one[2] <= evidence or not search.far(one[1].constants)]
-    weights = np.exp(np.clip([(nats - evidence) / _TEMPERATURE for *_, nats in same], -700.0, 0.0))
-    weights = (trust * weights / weights.sum()).tolist()
     # The same laws at other places of the same components are the same answer.
     merged: dict[tuple[tuple[str, int], ...], list[Any]] = {}
-    for (one, *_), weight in sorted(zip(same, weights, strict=True), key=lambda each: each[0][0] is not best):
-        merged.setdefault(_alias(one), [one, 0.0])[1] += weight
-    probability = merged.pop(_alias(best))[1]
-    others = [(one, weight) for one, weight in merged.values() if one.laws]
-    return probability, sorted(others, key=lambda each: -each[1])
+    elsewhere: list[Fitted] = []
+    for one, _, nats in sorted(same, key=lambda each: each[0] is not best):
+        weight = float(np.exp(np.clip((nats - evidence) / _TEMPERATURE, -700.0, 0.0)))
+        alike = not leaves and _names(one) == _names(best) and abs(nats - evidence) < _AS_LIKELY
+        if alike and _alias(one) != _alias(best):
+            elsewhere.append(one)
+        merged.setdefault(_alias(best if alike else one), [one, 0.0])[1] += weight
+    answer = merged.pop(_alias(best))[1]
+    rivals = [(one, _RIVAL * weight) for one, weight in merged.values()]
+    whole = answer + sum(weight for _, weight in rivals)
+    others = [(one, trust * weight / whole) for one, weight in rivals if one.laws]
+    return trust * answer / whole, sorted(others, key=lambda each: -each[1]), elsewhere
+
+
+def _names(one: Fitted) -> list[str]:
+    """Of laws, wherever they act."""
+    return sorted(law.law.name for law in one.laws)
 
 
 def _alias(one: Fitted) -> tuple[tuple[str, int], ...]:
