@@ -27,8 +27,9 @@ __all__ = ["Answer", "answer"]
 
 # Share of the logs' spread below which a residual without a name counts as none.
 _SMALL = 0.05
-# How often answers are wrong that leave at most so many times the noise on held-out runs; or more than that.
-_NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR = 1.2, 0.02, 0.4
+# How often answers are wrong that leave at most so many times the noise on held-out runs; and where more is
+# left, laws and "none".
+_NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR, _NOT_NONE = 1.2, 0.02, 0.4, 0.53
 # Probability that the library lacks what is missing; and where a law explains the other runs, but held-out
 # runs contradict it. On random systems more of these verdicts are right, but machines that lack several laws
 # at once get them too.
@@ -125,7 +126,7 @@ def _judged(
         before = replayed(held, (), search.limited(search.base.constants)).remains
     verdict, remarks = _verdict(search, best, closed(before, judged.remains), *shares)
     doubtful = judged.remains > _NEAR_NOISE and (best.laws or verdict == "none")
-    wrong = _WRONG_FAR if doubtful else _WRONG_NEAR
+    wrong = (_NOT_NONE if verdict == "none" else _WRONG_FAR) if doubtful else _WRONG_NEAR
     probability, rivals, elsewhere = rivals_of(search, weighed, chosen, 1.0 - wrong, bool(doubtful))
     if verdict == "none" and best.laws:
         best, probability, rivals, elsewhere = search.nothing, 1.0 - wrong, [], []

@@ -168,6 +168,7 @@ def scored(
     # Laws are compiled here, so that no copy of the process has to.
     tasks = [partial(changed, place, readable(runs.model, place, late)) for place in places]
     found = [each for made in in_parallel(tasks) for each in made]
+    order = {id(each): k for k, each in enumerate(found)}
     found.sort(key=lambda each: each[0].share, reverse=True)
     groups: list[list[tuple[Candidate, Array]]] = []
     for each in found:
@@ -176,6 +177,8 @@ def scored(
             same.append(each)
         elif len(groups) < most:
             groups.append([each])
+    for group in groups:  # by places, since shares of laws that act the same differ by rounding
+        group.sort(key=lambda each: order[id(each)])
     logged = {str(port) for port in (*runs.model.fed, *runs.model.compared)}
     kept = [_likeliest(one, logged) for one in groups]
     changes = np.array([one[1] for one in kept]).reshape(len(kept), len(left))

@@ -66,6 +66,8 @@ class Search:
             self.begins.append((self.nothing, polished(runs, (), near, self.base.starts, fixed=True)))
         self.places = [one for one in runs.model.places() if self._leaves(runs.model.seen_at(one))]
         self.twins: dict[str, list[Candidate]] = {}
+        # Fits that were carried on to the end, and are not again.
+        self.ended: list[Fitted] = []
 
     def _leaves(self, columns: Sequence[int]) -> bool:
         """Whether calibration leaves more than noise in a part of the system, by its compared signals."""
@@ -182,10 +184,11 @@ class Search:
         near = _BEHIND * ranked[0][1].remains
         ended = in_parallel([
             partial(self.to_the_end, one.laws, two.constants, two.starts)
-            for one, two in ranked[:kept] if two.remains < near
+            for one, two in ranked[:kept]
+            if two.remains < near and not any(one is each for each in self.ended)
         ])  # fmt: skip
         # Exact derivatives see the corners of a law, but cost most.
-        least = min((two.remains for _, two in ended), default=np.inf)
+        least = min((two.remains for _, two in (*found, *ended)), default=np.inf)
         exact = self._fits(
             (
                 (one.laws, two.constants, two.starts)
@@ -193,6 +196,7 @@ class Search:
             ),
             _EXACT, None, exact=True,
         )  # fmt: skip
+        self.ended += [one for one, _ in (*ended, *exact)]
         return _unlike([*found, *ended, *exact])
 
     def alone(self, found: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished]]:
