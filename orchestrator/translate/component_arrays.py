@@ -41,7 +41,7 @@ def refuse_single_components(tree: SourceTree, model: str, names: Iterable[str])
 
 def with_component_arrays(texts: Mapping[str, str]) -> dict[str, str]:
     """The files that change, with these: sizes are written out, and what elements get, element by element."""
-    if not any(re.search(r"\bsize\s*\(|\bend\s*\]|\](\s*\w+)?\s*\(", text) for text in texts.values()):
+    if not any("[" in text for text in texts.values()):
         return {}
     changed: dict[str, str] = {}
     for _ in range(_MOST_ROUNDS):  # a size may follow from another one
@@ -91,7 +91,30 @@ class _Components(DeclaredClasses):
                         edits += self._sizes_of(one, range(first, end), built_in)
                     if len(sizes) == 1 and opening >= 0 and not built_in:
                         edits += self._given(one, opening, words_of(one.tokens[slice(*sizes[0])]))
+                    elif not sizes and opening >= 0:
+                        edits += self._within(one, opening, self._type_of(one, part))
+                if part.kind == "extends" and part.opening >= 0:
+                    edits = found.setdefault(one.file, [])
+                    edits += self._within(one, part.opening, self._type_of(one, part))
         return {file: outermost(set(edits)) for file, edits in found.items() if edits}
+
+    def _within(
+        self, one: DeclaredClass, opening: int, kind: DeclaredClass | None
+    ) -> Iterator[tuple[int, int, str]]:
+        """As `_given`, for arrays of components within what a bracket modifies, which is of a class."""
+        tokens = one.tokens
+        for first, _ in arguments(tokens, opening) if kind is not None else ():
+            at = first + (tokens[first].text == "final")
+            if tokens[at].kind != "name" or tokens[at + 1].text != "(":
+                continue
+            found = self._declared(kind, tokens[at].text)
+            if found is None or found[1].kind != "components":
+                continue
+            sizes = self._sizes(kind, tokens[at].text, True)
+            if len(sizes) == 1:  # a name may mean something else here
+                yield from self._given(one, at + 1, sizes[0] if sizes[0].isdigit() else "")
+            elif not sizes:
+                yield from self._within(one, at + 1, self._type_of(*found))
 
     def _given(self, one: DeclaredClass, opening: int, size: str) -> Iterator[tuple[int, int, str]]:
         """Values in the bracket that modifies an array of components, written element by element."""
@@ -115,7 +138,7 @@ class _Components(DeclaredClasses):
             if first_one == "1" and _differ(last_one, size):
                 return ""
             return f"{{{_INDEX} for {_INDEX} in {first_one}:{last_one}}}"
-        if bounds:
+        if bounds and size:
             return f"{{{_element_of(bounds)} for {_INDEX} in 1:{size}}}"
         if path_end([*tokens[first:end], tokens[end]], 0) == end - first:
             return ""  # a name, which the compiler takes
@@ -163,7 +186,7 @@ class _Components(DeclaredClasses):
                 return ""
             if (product and vectors - before > 1) or _differ(size, wanted):
                 return ""  # it may be a scalar product, or has another size, as the compiler finds
-        return "" if not vectors else f"{{{' '.join(words)} for {_INDEX} in 1:{size}}}"
+        return "" if not vectors or not size else f"{{{' '.join(words)} for {_INDEX} in 1:{size}}}"
 
     def _name(self, one: DeclaredClass, at: int, behind: int) -> tuple[str, list[str] | None, int]:
         """A name's element, its sizes (None where they are not known), and the token behind it."""

@@ -201,6 +201,28 @@ end M;""",
             "s": 6,
         },
     ),
+    "arrays of components within others": (
+        f"""package M
+  {DECAY}
+  model Three
+    Decay a[3];
+  end Three;
+  model Some
+    parameter Integer n = 2;
+    Decay a[n];
+  end Some;
+  model Both
+    Three three;
+  end Both;
+  model M
+    extends Some(n=3, a(k=2*(1:3)));
+    parameter Real v[3] = {{1, 2, 3}};
+    Three b(a(k=3:-1:1));
+    Both c(three(a(final k=2*v, x(each start=5))));
+  end M;
+end M;""",
+        {"a[3].x": math.exp(-6), "b.a[1].x": math.exp(-3), "c.three.a[2].x": 5 * math.exp(-4)},
+    ),
     "matrices for arrays of components": (
         """package M
   model Sum
