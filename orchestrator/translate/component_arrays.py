@@ -23,6 +23,7 @@ __all__ = ["refuse_single_components", "with_component_arrays"]
 _INDEX = "adapted_index"
 _SCALAR_FUNCTIONS = frozenset("abs sqrt exp log log10 sin cos tan asin acos atan sinh cosh tanh".split())
 _SIGNS = frozenset(("(", ")", "+", "-", "*", "/", ".*", "./", ".+", ".-"))
+_CLASS = re.compile(r"\b(?:model|block|class|connector|record)\s+\w+")
 _MOST_ROUNDS = 20
 _ELEMENT = re.compile(r"\.(?![^\[]*\])")
 
@@ -35,13 +36,15 @@ def refuse_single_components(tree: SourceTree, model: str, names: Iterable[str])
         names: of the flat model's variables.
     Raises: BuildError.
     """
-    if model in tree.classes:
+    names = [one for one in names if "." in one]
+    if names and model in tree.classes:
         _Components(tree.texts, tree.label, ()).refuse_single(tree, model, names)
 
 
 def with_component_arrays(texts: Mapping[str, str]) -> dict[str, str]:
     """The files that change, with these: sizes are written out, and what elements get, element by element."""
-    if not any("[" in text for text in texts.values()):
+    classes = sum(len(_CLASS.findall(text)) for text in texts.values())
+    if classes < 2 or not any("[" in text for text in texts.values()):
         return {}
     changed: dict[str, str] = {}
     for _ in range(_MOST_ROUNDS):  # a size may follow from another one
