@@ -19,7 +19,8 @@ __all__ = ["rivals_of", "share_among", "significant", "simplest"]
 _THIRD, _HALF = 0.3, 0.5
 # Learned on random systems (`orchestrator challenge --random 6000 --count 60`): nats that count as one.
 _TEMPERATURE = 1.14
-# Learned likewise: weight of a rival that its evidence makes as likely as the answer, which is the simplest.
+# Weight of a rival that its evidence makes as likely as the answer, which is the simplest. Learned on 32 laws
+# of `orchestrator challenge --random 11700 --count 51` as 0.2, and rounded up.
 _RIVAL = 0.3
 # Nats within which the same laws at another place explain the logs as well.
 _AS_LIKELY = 3.0
