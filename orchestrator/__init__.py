@@ -72,7 +72,7 @@ def run(
     *,
     set: Mapping[str, Any] | None = None,
     inputs: Path | str | None = None,
-    record: Sequence[str] = (),
+    record: str | Sequence[str] = (),
     out: Path | str | None = None,
     halving: bool = True,
     progress: bool = False,
@@ -101,7 +101,11 @@ def run(
     if inputs is not None or record:
         from .system.command_line_signals import requested
 
-        source = requested(source, inputs=None if inputs is None else str(inputs), record=list(record))
+        source = requested(
+            source,
+            inputs=None if inputs is None else str(inputs),
+            record=[record] if isinstance(record, str) else list(record),
+        )
     return run_config(source, out=out, halving=halving, progress=progress)
 
 
@@ -171,12 +175,15 @@ def _source(system: Any) -> Any:
 
 def _changed(system: Any, changes: Mapping[str, Any] | None) -> Any:
     """The config of a system with values changed. Raises: ConfigError."""
+    from .base.errors import ConfigError, Problem
     from .config import load_config
     from .system.si_numbers import SiNumbers
 
     config = load_config(_source(system))
     if not changes:
         return config
+    if not hasattr(changes, "items"):
+        raise ConfigError([Problem("set", f"got {changes!r}", 'values by path, as {"robot.tau_m": "6 ms"}')])
     numbers = SiNumbers(config)
     return load_config(config, [numbers.override(path, value) for path, value in changes.items()])
 

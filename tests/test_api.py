@@ -230,3 +230,21 @@ def test_an_fmu_is_built_and_run(tmp_path):
     result = orc.run(made.path, set={"run.stop_time": 1.0}, halving=False)
     name = next(one for one in result.names if one.endswith(".x"))
     assert result[name][-1] == pytest.approx(np.exp(-1.0), rel=1e-5)
+
+
+def test_mistakes_in_arguments_are_named():
+    assert "robot.der(position)" in orc.run("docking-1d", set=SHORT, record="robot.*", halving=False).names
+    with pytest.raises(orc.ConfigError, match="set: got"):
+        orc.run("docking-1d", set=["run.stop_time=1 s"])
+    with pytest.raises(orc.ConfigError, match="kg .* cannot be converted to s"):
+        orc.linearise("emps", at_time="1 kg")
+
+
+def test_a_run_to_a_folder_loads_no_pandas(tmp_path):
+    code = (
+        "import sys, orchestrator as orc; "
+        f"orc.run('emps', set={{'run.stop_time': '0.1 s'}}, out={str(tmp_path / 'out')!r}, halving=False); "
+        "print('pandas' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split()[-1] == "False"

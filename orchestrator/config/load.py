@@ -24,6 +24,7 @@ __all__ = ["Config", "Draft", "json_schema", "load_config", "read_config"]
 # gives `data`, `notes`, `unpacked` as in Config, and `remedies` for keys that are missing.
 _FOREIGN = dict.fromkeys((".ssp", ".ssd"), "..exchange.ssp.load:load_ssp")
 _FOREIGN[".fmu"] = "..exchange.single_fmu:load_lone_fmu"
+_SUFFIXES = (".yaml", ".yml", *_FOREIGN)
 
 
 @dataclass(frozen=True)
@@ -174,13 +175,15 @@ def _find(source: str | pathlib.Path) -> pathlib.Path:
     if found is not None:
         return found
     names = bundled.system_names()
+    beside = [str(path.with_name(one.name)) for one in path.parent.glob("*") if one.suffix in _SUFFIXES]
+    what = f"no file {path}" if path.suffix in _SUFFIXES else f"no config {str(source)!r}"
     raise ConfigError(
         [
             Problem(
                 "",
-                f"no config {str(source)!r}",
+                what,
                 f"neither a file nor a bundled system; bundled: {listed(names)}",
-                nearest(str(source), (*names, *bundled.fmu_names())),
+                nearest(str(source), (*beside, *names, *bundled.fmu_names())),
             )
         ]
     )
@@ -206,7 +209,14 @@ def _read(
         wrong.gaps.append((*where, FURTHER) if len(where) == 1 and where != ("run",) else where)
     if not isinstance(data, dict):
         raise ConfigError(
-            [Problem(path.name, "not a config", "a config is a mapping with run and instances")]
+            [
+                Problem(
+                    path.name,
+                    "not a config",
+                    "a config is a mapping with run and instances",
+                    f"Build it first: orchestrator build {path.name}" if path.suffix == ".mo" else "",
+                )
+            ]
         )
     if "extends" not in data:
         return data, places

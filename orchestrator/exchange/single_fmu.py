@@ -70,13 +70,13 @@ def times_of(descriptions: Iterable[ModelDescription]) -> Times:
         notes.append(f"default experiment: stop time {_seconds(stop)}")
     else:
         stop = start + _STOP
-        notes.append(f"no default experiment names a stop time: {_seconds(stop)} is taken")
+        notes.append(f"no default experiment names a stop time: {_seconds(stop)}, unless another is given")
     if steps:
         step = min(steps)
         notes.append(f"default experiment: step size {_seconds(step)}")
     else:
         step = _round_below((stop - start) / _STEPS)
-        notes.append(f"no default experiment names a step size: {_seconds(step)} is taken")
+        notes.append(f"no default experiment names a step size: {_seconds(step)}, unless another is given")
     count = ceil((stop - start) / step)
     if start + count * step != stop:
         stop = start + count * step

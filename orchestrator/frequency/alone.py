@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import OrchestratorError
-from ..fmi import FmuInstance, Point, StepStatus
+from ..fmi import FmuInstance, Point, StepStatus, Variable
 from ..simulation.grid import Grid
 from ..simulation.run import Prepared
 from ..system.system import Instance
 
-__all__ = ["Alone", "step_all"]
+__all__ = ["Alone", "step_all", "usual_size"]
 
 Array = NDArray[np.float64]
 
@@ -28,6 +28,12 @@ _HEIGHT = 1e-3
 # Shares of it that are tried in turn, as long as the FMU refuses the step.
 _SMALLER = (1.0, 0.1, 0.01)
 _ROUNDING = 1e-13
+
+
+def usual_size(value: float, variable: Variable) -> float:
+    """The size of a variable's values, its unit: of its value, or its nominal one where that is about 0."""
+    nominal = float(variable.nominal or 1.0)
+    return abs(value) if abs(value) > 1e-12 * nominal else nominal
 
 
 def step_all(instances: Sequence[FmuInstance], point: Point) -> bool:
@@ -108,7 +114,7 @@ class Alone:
 
     def height(self, name: str) -> float:
         """Height of a step of an input, FMU's unit."""
-        return _HEIGHT * (abs(float(self.values[name])) or float(self.one.variable(name).nominal or 1.0))
+        return _HEIGHT * usual_size(float(self.values[name]), self.one.variable(name))
 
     def answer(
         self,

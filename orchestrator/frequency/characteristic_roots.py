@@ -252,11 +252,14 @@ class CharacteristicRoots(DelayEquation):
 
     def _residual(self, s: complex) -> float:
         matrix = self._matrix(np.array([s]))[0]
-        # Units of states and inputs differ by many orders: rows and columns are scaled first.
-        matrix = matrix / np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-300)
-        matrix = matrix / np.maximum(np.linalg.norm(matrix, axis=0, keepdims=True), 1e-300)
-        values = np.linalg.svd(matrix, compute_uv=False)
-        return float(values[-1] / values[0])
+        # Units of states and inputs differ by many orders: rows and columns are scaled first, by the size of
+        # their terms: s - a of a state that nothing else moves vanishes at its root.
+        terms, diagonal = abs(matrix), np.arange(len(self.states))
+        terms[diagonal, diagonal] = abs(s) + abs(np.diag(self.a))
+        rows = np.maximum(np.linalg.norm(terms, axis=1, keepdims=True), 1e-300)
+        columns = np.maximum(np.linalg.norm(terms / rows, axis=0, keepdims=True), 1e-300)
+        values = np.linalg.svd(matrix / rows / columns, compute_uv=False)
+        return float(values[-1] / max(values[0], 1.0))
 
     def _mode(self, root: complex, times: int = 1) -> Mode:
         n = len(self.states)

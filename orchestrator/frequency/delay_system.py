@@ -72,8 +72,24 @@ class DelaySystem(CharacteristicRoots):
             tuple(Link(one, index, index, -1.0, float(delay)) for index, one in enumerate(names)),
         )
 
+    def connection(self, name: str) -> str:
+        """A connection as links name it, by that name, as "a.y -> b.u" or by its target.
+
+        Raises: ConfigError if there is none.
+        """
+        known = list(dict.fromkeys(one.connection for one in self.links if FILTER not in one.connection))
+        ends = {_ends(one): one for one in known} | {one.rpartition(" -> ")[2]: one for one in known}
+        if name not in known and name not in ends:
+            what, allowed = f"no connection {name!r}", f"there are {listed(known)}"
+            raise ConfigError([Problem("connection", what, allowed, nearest(name, [*known, *ends]))])
+        return name if name in known else ends[name]
+
     def later(self, connection: str, delay: float) -> DelaySystem:
-        """The same system with a connection that is later by a delay [s]."""
+        """The same system with a connection that is later by a delay [s].
+
+        Args: connection: as a link names it, or its target. Raises: ConfigError if there is none.
+        """
+        connection = self.connection(connection)
         links = tuple(
             one._replace(delay=one.delay + delay) if one.connection == connection else one
             for one in self.links
@@ -81,7 +97,11 @@ class DelaySystem(CharacteristicRoots):
         return replace(self, links=links)
 
     def scaled(self, connection: str, factor: float) -> DelaySystem:
-        """The same system with the gain of a connection times a factor."""
+        """The same system with the gain of a connection times a factor.
+
+        Args: connection: as for `later`. Raises: ConfigError if there is none.
+        """
+        connection = self.connection(connection)
         links = tuple(
             one._replace(gain=one.gain * factor) if one.connection == connection else one
             for one in self.links
@@ -115,6 +135,7 @@ class DelaySystem(CharacteristicRoots):
             connection: as a link names it.
             omega: shape (k,) [rad/s].
         """
+        connection = self.connection(connection)
         return self.response(connection, 1j * np.atleast_1d(np.asarray(omega, np.float64)))
 
     def open_loops(self, connections: Sequence[str], omega: ArrayLike) -> Complex:
@@ -124,6 +145,7 @@ class DelaySystem(CharacteristicRoots):
             connections: as links name them; a row is what comes back at one, a column what is put in at one.
             omega: shape (k,) [rad/s].
         """
+        connections = [self.connection(one) for one in connections]
         return self._opened(connections, 1j * np.atleast_1d(np.asarray(omega, np.float64)))
 
     def response(self, connection: str, s: ArrayLike) -> Complex:
@@ -338,7 +360,11 @@ class DelaySystem(CharacteristicRoots):
         return found
 
     def margins(self, connection: str, modes: Modes | None = None) -> Margins:
-        """Margins of the loop through one connection, all crossovers considered."""
+        """Margins of the loop through one connection, all crossovers considered.
+
+        Raises: ConfigError if there is no such connection.
+        """
+        connection = self.connection(connection)
         modes = modes or self.modes()
         omega = self.frequencies(modes)
         self._open_all(1j * omega)
@@ -408,6 +434,12 @@ def _lowest(function: Callable[[Any], Any], omega: Array, values: Array) -> tupl
     at, least = minima(function, omega[chosen - 1], omega[chosen + 1])
     pairs = zip([omega[place], *at], [values[place], *least], strict=True)
     return min(((float(w), float(value)) for w, value in pairs), key=lambda one: one[1])
+
+
+def _ends(connection: str) -> str:
+    """A connection without its effects: "a.y -> b.u"."""
+    parts = connection.split(" -> ")
+    return f"{parts[0]} -> {parts[-1]}"
 
 
 def _owner(port: str) -> str:

@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.errors import ConfigError, Problem, listed, nearest
+from ..base.errors import ConfigError, Problem
 from ..master.running_instances import Instances, instantiate
 from ..results.measures import choose_measures
 from ..simulation.run import Prepared, prepare
 from ..system.external import ExternalFmu
 from ..system.signal_vector import Signals
 from .closing import chains_of, closed_system
-from .delay_system import FILTER, DelaySystem
+from .delay_system import DelaySystem
 from .inner_delays import InnerDelay
 from .linear_parts import KnownLaws, LinearParts, refusal
 from .margins import DelayMargin, Margins
@@ -142,17 +142,8 @@ class Linearised:
 
         Raises: ConfigError if there is no such connection.
         """
-        known = list(
-            dict.fromkeys(one.connection for one in self.system.links if FILTER not in one.connection)
-        )
-        ends = {_ends(name): name for name in known} | {name.rpartition(" -> ")[2]: name for name in known}
         if connection:
-            name = connection if connection in known else ends.get(connection)
-            if name is None:
-                allowed = f"there are {listed(known)}"
-                what = f"no connection {connection!r}"
-                raise ConfigError([Problem("open", what, allowed, nearest(connection, known))])
-            return OpenLoop(self.system, name)
+            return OpenLoop(self.system, self.system.connection(connection))
         found = self.margins()
         if not found:
             raise ConfigError([Problem("system", "no connection lies within a feedback loop")])
@@ -178,12 +169,6 @@ class Linearised:
         modes = self.modes().modes
         shown = ", ".join(f"{one.frequency:.4g} Hz (damping {one.damping:.3g})" for one in modes[:3])
         return f"{len(self.system.states)} states, {len(self.system.links)} links; modes at {shown or 'none'}"
-
-
-def _ends(connection: str) -> str:
-    """A connection without its effects: "a.y -> b.u"."""
-    parts = connection.split(" -> ")
-    return f"{parts[0]} -> {parts[-1]}"
 
 
 def linearise(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..base.errors import OrchestratorError
 from ..simulation.run import Prepared
 from ..system.system import Instance
-from .alone import Alone
+from .alone import Alone, usual_size
 from .from_system import Linearised
 from .modes import Mode, Modes
 from .sampled_part import SampledPart, sampled_part
@@ -141,7 +141,7 @@ def _worst(
     values = {name: linear.point[f"{one.name}.{name}"] for name in part.space.inputs}
     at = Alone(one, prepared, tuple(part.space.inputs), tuple(seen), values)
     share = np.array([moved[f"{one.name}.{name}"] for name in inputs])
-    usual = [abs(float(values[name])) or float(one.variable(name).nominal or 1.0) for name in inputs]
+    usual = [usual_size(float(values[name]), one.variable(name)) for name in inputs]
     share = share * _HEIGHT / np.max(abs(share) / usual)
     times = step * (np.arange(count) + 1.0)
     course = np.real(share * np.exp(1j * omega * times)[:, None])
@@ -203,7 +203,7 @@ def linearity_text(found: Sequence[Unlike]) -> list[str]:
     lines = []
     for one in found:
         motion = f"its output {one.output}, moved as in the mode of {one.frequency:.4g} Hz, differs by"
-        share = f"{100 * one.difference:.2g} % from its linear equations"
+        share = f"{100 * one.difference:.2g} % from its linear equations".replace("1e+02", "100")
         if one.drifts:
             lines.append(
                 f"{one.instance} does not rest at its operating point: {motion} {share} within "

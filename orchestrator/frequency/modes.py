@@ -31,11 +31,14 @@ class Mode:
     @property
     def damping(self) -> float:
         """Damping ratio, -Re/|root|; 1 at zero."""
-        return float(-self.root.real / abs(self.root)) if self.root else 1.0
+        # No negative zero.
+        return float(-self.root.real / abs(self.root)) + 0.0 if self.root else 1.0
 
     def __repr__(self) -> str:
         states = ", ".join(f"{name} {100 * share:.0f} %" for name, share in self.participation[:3])
-        return f"{self.root:.6g} 1/s: {self.frequency:.4g} Hz, damping {self.damping:.4g}; {states}"
+        size = f"{self.frequency:.4g} Hz, damping {self.damping:.4g}" if self.root.imag else "real"
+        root = f"{self.root:.6g}" if self.root.imag else f"{self.root.real:.6g}"
+        return f"{root} 1/s: {size}; {states}"
 
 
 @dataclass(frozen=True)

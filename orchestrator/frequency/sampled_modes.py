@@ -188,7 +188,7 @@ class SampledSystem:
         share = share / share.sum() if share.sum() else share
         order = [index for index in np.argsort(-share) if share[index] > 1e-3]
         named = tuple((self.states[index], float(share[index])) for index in order)
-        return Mode(complex(np.log(z) / self.period), float(values[-1] / values[0]), named)
+        return Mode(complex(np.log(z) / self.period), float(values[-1] / max(values[0], abs(z))), named)
 
     def _searched(self) -> Complex:
         """The largest eigenvalues, until counting finds no others among them, and some that lie near them."""

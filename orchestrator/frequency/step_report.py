@@ -32,6 +32,8 @@ __all__ = [
 # Ratio of neighbouring steps that are looked at, and to what share the border is found.
 _RATIO = 2.0**0.25
 _BORDER = 2e-4
+# Real part of a root without damping, relative to the root.
+_UNDAMPED = 1e-9
 _FEW = 10
 
 
@@ -112,6 +114,8 @@ def step_report(prepared: Prepared, linear: Linearised, modes: Modes) -> dict[st
     verdict = "stable"
     if unstable:
         verdict = f"unstable: {unstable} of its eigenvalues outside the unit circle"
+    elif any(abs(one.root.real) <= _UNDAMPED * abs(one.root) for one in found):
+        verdict = "on the border: eigenvalues on the unit circle"
     elif resting:
         verdict = f"stable but for the machine's {resting} root{'s' if resting > 1 else ''} at 0"
     return {

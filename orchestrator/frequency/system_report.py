@@ -107,7 +107,8 @@ def _verdict(modes: Modes, momentary: Mapping[complex, float]) -> str:
         return f"unstable: {unstable} root{'s' if unstable > 1 else ''} with positive real part{more}"
     if border:
         names = listed(dict.fromkeys(one.participation[0][0] for one in border if one.participation))
-        count = f"{len(border)} root{'s' if len(border) > 1 else ''}"
+        roots = sum(2 if one.root.imag > 0.0 else 1 for one in border)
+        count = f"{roots} root{'s' if roots > 1 else ''}"
         return f"on the border: {count} without damping, of {names}{more}"
     return f"stable{more}"
 
@@ -181,7 +182,9 @@ def system_text(report: dict[str, Any]) -> str:
         if line != lines[-1]:
             lines.append(line)
     if report["margins"]:
-        lines.append("margins of connections in feedback loops, the weakest first:")
+        kind = "crossovers" if report["verdict"].startswith("unstable") else "margins"
+        why = " (no margins: the system is unstable)" if kind == "crossovers" else ""
+        lines.append(f"{kind} of connections in feedback loops{why}, by modulus, the weakest first:")
     for name, one in report["margins"].items():
         lines.append(f"  {name}: {_in_words(one)}")
     if report["together"] is not None:

@@ -20,6 +20,7 @@ from ..base.errors import ConfigError, OrchestratorError, Problem
 from ..effects.base import Effect
 from ..simulation.run import Prepared, prepare, run
 from ..system.connection import Port
+from .alone import usual_size
 from .excite import with_effect
 from .from_system import Linearised
 from .modes import Mode
@@ -204,8 +205,8 @@ class _Runs:
         target = Port.of(name)
         one = next(one for one in prepared.system.instances if one.name == target.instance)
         connection = next(one for one in prepared.system.connections if one.target == target)
-        usual = abs(float(one.start.get(target.variable, 0.0))) or one.variable(target.variable).nominal
-        height = _CHANGE * float(usual or 1.0) / connection.gain
+        start = float(one.start.get(target.variable, 0.0))
+        height = _CHANGE * usual_size(start, one.variable(target.variable)) / connection.gain
         pulse = _Pulse(height=height, begin=ends[0], end=ends[1])
         return replace(prepared, system=with_effect(prepared.system, target, pulse))
 
@@ -221,7 +222,7 @@ class _Runs:
                 continue
             variable = instance.variable(name.removeprefix(f"{instance.name}."))
             value = float(self.linear.point[name])
-            value += _CHANGE * (abs(value) or float(variable.nominal or 1.0))
+            value += _CHANGE * usual_size(value, variable)
             try:
                 prepare(self.config, (*self.overrides, f"{name}={value!r} {variable.unit or ''}".rstrip()))
             except ConfigError:
@@ -239,8 +240,7 @@ class _Runs:
                 name = port.removesuffix(" delayed")
                 if name in fed and name.startswith(f"{one.name}."):
                     variable = one.variable(name.removeprefix(f"{one.name}."))
-                    usual = abs(self.linear.point.get(name, 0.0)) or float(variable.nominal or 1.0)
-                    sizes[name] = usual * share
+                    sizes[name] = usual_size(self.linear.point.get(name, 0.0), variable) * share
         if not sizes:
             what = "no state of the dominant mode has a start value, and no connection moves it"
             raise ConfigError([Problem("--verify", what, "one of both is needed")])

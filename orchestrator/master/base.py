@@ -32,6 +32,12 @@ __all__ = [
 ]
 
 
+_BEYOND = (
+    "The model leaves the range in which it has values: look at its parameters, start values and inputs, and "
+    "at the stability of the system."
+)
+
+
 @dataclass(frozen=True)
 class StepInfo:
     """How a communication step went.
@@ -70,7 +76,7 @@ class StepInfo:
             time=point.time,
             status=self.status.name.lower(),
             log=self.log,
-            remedy="Take a smaller step size.",
+            remedy=_BEYOND if any("not finite" in one for one in self.log) else "Take a smaller step size.",
         )
 
 

@@ -19,7 +19,7 @@ from numpy.typing import DTypeLike, NDArray
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["StreamWriter", "StreamedColumns", "typed"]
+__all__ = ["StreamWriter", "StreamedColumns", "arrow_column", "numpy_column", "typed"]
 
 Array = NDArray[Any]
 _END = b"\xff\xff\xff\xff\0\0\0\0"  # how an Arrow stream ends
@@ -97,7 +97,8 @@ class StreamWriter:
     def _batch(self, columns: Sequence[Array]) -> pa.Buffer:
         import pyarrow as pa
 
-        return pa.RecordBatch.from_arrays([pa.array(one) for one in columns], schema=self._schema).serialize()
+        arrays = [arrow_column(one) for one in columns]
+        return pa.RecordBatch.from_arrays(arrays, schema=self._schema).serialize()
 
     def _framed(self, count: int) -> bool:
         """Have a message of so many rows at hand, to be filled in; whether that can be."""
@@ -176,7 +177,6 @@ class StreamedColumns(Mapping[str, Array]):
         self._names = tuple(schema.names)
         self.units = {one.name: (one.metadata or {}).get(b"unit", b"").decode() for one in schema}
         self.metadata = {key.decode(): text.decode() for key, text in (schema.metadata or {}).items()}
-        # Not by the type's to_pandas_dtype, which older versions of pyarrow have with pandas only.
         self.types = {name: _numpy_type(schema.field(name)) for name in self._names}
         self._number = {name: number for number, name in enumerate(self._names)}
         self._held: WeakValueDictionary[str, Array] = WeakValueDictionary()
@@ -214,7 +214,7 @@ class StreamedColumns(Mapping[str, Array]):
         for batch in self._batches(numbers):
             begin, end = end, end + batch.num_rows
             for column, part in zip(columns, batch.columns, strict=True):
-                column[begin:end] = part.to_numpy(zero_copy_only=False)
+                column[begin:end] = numpy_column(part)
         return dict(zip(chosen, columns, strict=True))
 
     def __iter__(self) -> Iterator[str]:
@@ -257,10 +257,32 @@ class StreamedColumns(Mapping[str, Array]):
             self._memory.madvise(mmap.MADV_DONTNEED)
 
 
-def _numpy_type(field: pa.Field) -> np.dtype[Any]:
+def arrow_column(values: Array) -> pa.Array:
+    """A column of numbers or flags, shape (n,). `pa.array` would import pandas, which is slow."""
     import pyarrow as pa
 
-    return pa.array([], field.type).to_numpy(zero_copy_only=False).dtype
+    flags = values.dtype == np.bool_
+    data = np.packbits(values, bitorder="little") if flags else np.ascontiguousarray(values)
+    kind = pa.from_numpy_dtype(values.dtype)
+    return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(data)])
+
+
+def numpy_column(column: pa.Array) -> Array:
+    """Numbers or flags of a column, shape (n,). See `arrow_column`."""
+    if column.null_count:
+        return column.to_numpy(zero_copy_only=False)
+    data, begin, end = column.buffers()[1], column.offset, column.offset + len(column)
+    kind = _numpy_type(column)
+    if kind == np.bool_:
+        return np.unpackbits(np.frombuffer(data, np.uint8), count=end, bitorder="little")[begin:].view(
+            np.bool_
+        )
+    return np.frombuffer(data, kind, count=end)[begin:]
+
+
+def _numpy_type(field: pa.Field | pa.Array) -> np.dtype[Any]:
+    name = str(field.type)
+    return np.dtype({"float": "float32", "halffloat": "float16"}.get(name, name))
 
 
 def _mapped(file: BinaryIO) -> mmap.mmap:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..base.errors import ConfigError, OrchestratorError, Problem, listed, needs
-from .column_stream import StreamWriter
+from .column_stream import StreamWriter, arrow_column, numpy_column
 
 if TYPE_CHECKING:
     import h5py
@@ -100,7 +100,7 @@ def blocks(columns: Mapping[str, Array]) -> Iterator[pa.RecordBatch]:
 
     for begin in range(0, len(next(iter(columns.values()))), _ROWS):
         rows = slice(begin, begin + _ROWS)
-        yield pa.RecordBatch.from_pydict({name: pa.array(one[rows]) for name, one in columns.items()})
+        yield pa.RecordBatch.from_pydict({name: arrow_column(one[rows]) for name, one in columns.items()})
 
 
 def write(path: Path, recorded: Recorded) -> None:
@@ -138,7 +138,7 @@ def write_arrow(path: Path, recorded: Recorded) -> None:
     types: dict[str, DTypeLike] = {TIME: np.float64, **recorded.types}
     writer = StreamWriter(path, types, units, {ABOUT: json.dumps(strict(about), allow_nan=False)})
     for block in recorded.blocks():
-        time, *columns = (one.to_numpy(zero_copy_only=False) for one in block.columns)
+        time, *columns = (numpy_column(one) for one in block.columns)
         writer.write(time, columns)
     writer.close()
 
@@ -315,7 +315,7 @@ def write_hdf5(path: Path, recorded: Recorded) -> None:
         first = 0
         for block in recorded.blocks():
             for one, column in zip(made, block.columns, strict=True):
-                one[first : first + block.num_rows] = column.to_numpy(zero_copy_only=False)
+                one[first : first + block.num_rows] = numpy_column(column)
             first += block.num_rows
 
 

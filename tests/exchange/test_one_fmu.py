@@ -33,8 +33,8 @@ def test_an_fmu_runs_with_its_default_experiment_or_a_stated_one(fmu, tmp_path, 
     out = tmp_path / "out"
     assert main(["run", fmu, "--out", str(out)]) == 0
     said = capsys.readouterr()
-    assert "no default experiment names a stop time: 1 s is taken" in said.err
-    assert "no default experiment names a step size: 0.002 s is taken" in said.err
+    assert "no default experiment names a stop time: 1 s, unless another is given" in said.err
+    assert "no default experiment names a step size: 0.002 s, unless another is given" in said.err
     assert (out / "signals.png").is_file() and (out / "results.csv").is_file()
     results = read_results(out)
     assert list(results.signals) == ["Unruly.level", "Unruly.through", "Unruly.count"]

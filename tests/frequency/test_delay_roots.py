@@ -207,3 +207,21 @@ def test_an_open_contact_leaves_integrators_alone():
     """Two free bodies without force, with filters and clocks that nothing shows left out."""
     modes = linearise("docking-6d-uncompensated").modes(1)
     assert [one.root for one in modes.modes] == 15 * [0.0] and modes.line > -400.0
+
+
+@pytest.mark.parametrize("pole", [-0.05, -0.0313208716, 3e4, 0.0])
+def test_one_state_without_connections_has_its_root(pole):
+    empty = np.zeros((1, 0)), np.zeros((0, 1)), np.zeros((0, 0))
+    (mode,) = DelaySystem(np.array([[pole]]), *empty, ("level",), (), (), ()).modes().modes
+    assert mode.root == pytest.approx(pole, rel=1e-12, abs=1e-15) and mode.residual < 1e-12
+
+
+def test_a_connection_that_there_is_not_is_refused():
+    system = DelaySystem.loop(control.tf([1.0], [1.0, 1.0]), 0.5, "y -> delay -> u")
+    for name in ("y -> delay -> u", "y -> u", "u"):
+        assert system.later(name, 0.25).modes().modes[0].root.real < 0.0
+    for change in (system.later, system.scaled):
+        with pytest.raises(ConfigError, match="no connection 'v'"):
+            change("v", 2.0)
+    with pytest.raises(ConfigError, match="no connection 'v'"):
+        system.margins("v")

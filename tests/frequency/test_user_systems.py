@@ -122,9 +122,20 @@ end Pointing;
 """
 
 
+RUBBED = """
+model Rubbed "A mass on a spring with steep friction"
+  output Real x(start = 0.1, fixed = true);
+  Real v(start = 0, fixed = true);
+equation
+  der(x) = v;
+  der(v) = -100 * x - tanh(v / 0.001);
+end Rubbed;
+"""
+
+
 @pytest.fixture(scope="module")
 def models(tmp_path_factory):
-    texts = (PENDULUM, FEEDBACK, PLL, SUM, LEAD, PLANT, SWINGING, TURNED, POINTING)
+    texts = (PENDULUM, FEEDBACK, PLL, SUM, LEAD, PLANT, SWINGING, TURNED, POINTING, RUBBED)
     return built_models(tmp_path_factory.mktemp("models"), *texts)
 
 
@@ -224,3 +235,11 @@ def test_the_real_part_of_a_quaternion_is_a_smooth_law(models):
         max(exact, key=lambda one: one.real), rel=1e-6
     )
     assert report["not_linear"] == []
+
+
+def test_steep_friction_is_no_memory_and_an_undamped_pair_counts_twice(models):
+    system = system_of(models, "1 ms", "1 s", mass="Rubbed")
+    report = system_stability(prepare(system.data))
+    assert not any("before" in note for note in report["notes"])
+    rates = np.roots([1.0, 1000.0, 100.0])
+    assert [complex(*one["root"]) for one in report["modes"]] == pytest.approx(sorted(rates)[::-1], rel=1e-6)

@@ -158,7 +158,8 @@ def load_study(folder: Path) -> Study:
     if data.get("format") not in _FORMATS:
         got = data.get("format")
         allowed = listed((*_FORMATS, "port-study/1"))
-        raise ConfigError([Problem(places.text(("format",)), f"got {got!r}", allowed)])
+        config = "This is a system's config; a study names it as `system`." if "instances" in data else ""
+        raise ConfigError([Problem(places.text(("format",)), f"got {got!r}", allowed, config)])
     keys = (*_KEYS, *(("columns",) if data["format"] == _FORMATS[1] else ()))
     _known(data, keys, places, (), problems)
     tick = data.get("tick")
