@@ -215,7 +215,11 @@ def linearise(
         from .base.errors import ConfigError, Problem
 
         raise ConfigError([Problem("at", f"no operating point {at!r}", "start or trim; at_time for times")])
-    time = None if at_time is None else seconds(at_time)
+    try:
+        time = None if at_time is None else seconds(at_time)
+    except ValueError as error:
+        allowed = "a text with a unit, as '0.5 s', or a number [s]"
+        raise ConfigError([Problem("at_time", str(error), allowed)]) from None
     return linear_config(_changed(system, set), time, fix if at == "trim" else None)
 
 

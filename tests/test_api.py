@@ -236,7 +236,7 @@ def test_mistakes_in_arguments_are_named():
     assert "robot.der(position)" in orc.run("docking-1d", set=SHORT, record="robot.*", halving=False).names
     with pytest.raises(orc.ConfigError, match="set: got"):
         orc.run("docking-1d", set=["run.stop_time=1 s"])
-    with pytest.raises(orc.ConfigError, match="kg .* cannot be converted to s"):
+    with pytest.raises(orc.ConfigError, match=r"kg .* cannot be converted to s"):
         orc.linearise("emps", at_time="1 kg")
 
 

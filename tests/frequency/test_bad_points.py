@@ -116,7 +116,7 @@ def test_an_algebraic_loop_without_a_solution_is_named(models):
 
 def test_a_root_on_the_axis_has_no_margin_and_is_reported(models, tmp_path, capsys):
     printed = report(fed_back(models, "Ball", "h"), tmp_path, capsys)
-    assert printed.splitlines()[1].startswith("on the border: 1 root without damping")
+    assert printed.splitlines()[1].startswith("on the border: 2 roots without damping")
     assert "the machine is stable" not in printed
     (found,) = orc.linearise(fed_back(models, "Ball", "h")).margins().values()
     assert found.modulus_margin == 0.0 and found.sensitivity_peak == np.inf

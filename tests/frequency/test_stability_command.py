@@ -39,7 +39,7 @@ def test_report_and_figures(tmp_path, capsys):
 def test_active_controller_stands_on_the_border(capsys):
     assert main(["stability", "docking-1d"]) == 0
     printed = capsys.readouterr().out
-    assert printed.splitlines()[1].startswith("on the border: 1 root without damping, of satellite.velocity")
+    assert printed.splitlines()[1].startswith("on the border: 2 roots without damping, of satellite.velocity")
     assert "on the border of stability, a contact changes it by less than 1e-5" in printed
     assert "note: controller: switching_compensation is not linear and is left out" in printed
     (contact,) = (one for one in printed.splitlines() if one.startswith("one contact after free flight"))
