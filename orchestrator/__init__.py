@@ -208,12 +208,11 @@ def linearise(
         its matrices.
     Raises: ConfigError with what cannot be linearised.
     """
+    from .base.errors import ConfigError, Problem
     from .config.base import seconds
     from .frequency.linear_config import linear_config
 
     if at not in ("start", "trim"):
-        from .base.errors import ConfigError, Problem
-
         raise ConfigError([Problem("at", f"no operating point {at!r}", "start or trim; at_time for times")])
     try:
         time = None if at_time is None else seconds(at_time)
