@@ -205,7 +205,7 @@ def test_wrong_commands_are_refused(
 )
 def test_a_law_at_an_output_of_a_state_reads_inputs(law: str, numbers: list[float]) -> None:
     """As the library names it, with its numbers: the score takes a law that does the same for the same."""
-    # A drag at the torque of a winding, by the speed that it is reported, is one at the rotor.
+    # A drag at the torque of a winding, by the speed that it is given, is one at the rotor.
     made = Drawing("test", interval=0.01)
     rotor = made.add("rotor", "Rotor", 0.02, 0.05)
     made.add("motor", "Winding", 1.0, 0.02, 0.1, speed=(rotor, "speed", 1.0))

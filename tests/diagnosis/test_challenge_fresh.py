@@ -51,7 +51,7 @@ def turned(position, length):
 
 
 @pytest.mark.parametrize("speed", [0.02, -0.01])
-def test_a_servo_reported_of_its_command_s_rate_lags_by_so_much_less(speed):
+def test_a_servo_that_knows_its_command_s_rate_lags_by_so_much_less(speed):
     plain, ahead = lags(speed, **FAR), lags(speed, **FAR, forward=0.3)
     assert plain[-1] == pytest.approx(2.0 * 0.8 / 470.0 * speed, rel=1e-3)
     assert ahead[-1] == pytest.approx(0.7 * plain[-1], rel=0.01)

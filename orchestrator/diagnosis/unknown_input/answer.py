@@ -35,6 +35,8 @@ _NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR, _NOT_NONE = 1.2, 0.02, 0.4, 0.53
 # runs contradict it. On random systems more of these verdicts are right, but machines that lack several laws
 # at once get them too.
 _OUTSIDE, _CONTRADICTED = 0.95, 0.6
+# Most that a law is stated with whose component the logs do not determine.
+_SOMEWHERE = 0.6
 # Least share of the gap that the nearest laws close on held-out runs to be stated.
 _HINT = 0.1
 # Probability from which on a rival is worth an experiment, and rivals that experiments separate.
@@ -148,6 +150,8 @@ def _judged(
     known = {one.name for one in (*best.laws, *twins)}
     twins += {law.name: law for one in elsewhere for law in one.laws if law.name not in known}.values()
     probability = probability * share_among(best, search.twins)
+    if elsewhere:
+        probability = min(probability, _SOMEWHERE)
     if verdict == "outside":
         probability = _CONTRADICTED if best.laws else _OUTSIDE
     places, estimate = _estimate(search) if verdict == "outside" and model.filters else ([], None)
