@@ -39,6 +39,9 @@ def override(
         return problems, _likely_paths(data, name) if path is None else [path]
     if _reached(data, path):
         put_value(data, path, move_value(path, value, moved))
+        # What was written within the former value is gone.
+        for old in [one for one in places.known if one[: len(path)] == path]:
+            del places.known[old]
         places.known[path] = Place(place)
     return [], []
 

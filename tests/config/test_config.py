@@ -179,6 +179,17 @@ def test_overrides_reach_start_values_run_and_measures():
     assert config.places.text(("run", "step_size")) == "--set run.step_size=50 us: run.step_size"
 
 
+def test_what_an_override_holds_has_its_place():
+    config = {
+        "run": {"master": "jacobi", "step_size": "1 ms", "stop_time": "1 s"},
+        "instances": {"one": {"fmu": "RobotResponse"}},
+        "connections": [{"from": "one.position", "to": "one.command", "through": [{"delay": "5 ms"}]}],
+    }
+    text = "connections[0].through=[{delay: 6 ms}]"
+    found = load_config(config, [text])
+    assert found.places.text(("connections", 0, "through", 0, "delay")).startswith(f"--set {text}: ")
+
+
 def test_overrides_that_lead_nowhere_are_refused_together():
     message = refusal(data(), ["on.a=1 N", "run.stepsize=1 ms", "rubbish", "measures.docking.x=1"])
     assert message.splitlines() == [
