@@ -179,15 +179,17 @@ def test_overrides_reach_start_values_run_and_measures():
     assert config.places.text(("run", "step_size")) == "--set run.step_size=50 us: run.step_size"
 
 
-def test_what_an_override_holds_has_its_place():
-    config = {
-        "run": {"master": "jacobi", "step_size": "1 ms", "stop_time": "1 s"},
-        "instances": {"one": {"fmu": "RobotResponse"}},
-        "connections": [{"from": "one.position", "to": "one.command", "through": [{"delay": "5 ms"}]}],
-    }
+def test_what_an_override_holds_has_its_place(tmp_path):
+    (tmp_path / "one.yaml").write_text(
+        "run: {master: jacobi, step_size: 1 ms, stop_time: 1 s}\n"
+        "instances: {one: {fmu: RobotResponse}}\n"
+        "connections:\n  - {from: one.position, to: one.command, through: [{delay: 5 ms}]}\n",
+        encoding="utf-8",
+    )
+    place = ("connections", 0, "through", 0, "delay")
+    assert load_config(tmp_path / "one.yaml").places.text(place).startswith("one.yaml:4: ")
     text = "connections[0].through=[{delay: 6 ms}]"
-    found = load_config(config, [text])
-    assert found.places.text(("connections", 0, "through", 0, "delay")).startswith(f"--set {text}: ")
+    assert load_config(tmp_path / "one.yaml", [text]).places.text(place).startswith(f"--set {text}: ")
 
 
 def test_overrides_that_lead_nowhere_are_refused_together():
