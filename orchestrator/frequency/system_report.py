@@ -213,8 +213,10 @@ def _seconds(value: float) -> str:
 def _in_words(one: dict[str, Any]) -> str:
     low, high = one["gain_margin"]
     parts = []
-    if one["phase_margin"] is not None:
-        parts.append(f"phase {one['phase_margin']:.4g} deg")
+    if (phase := one["phase_margin"]) is not None:
+        # Of a stable loop a negative one limits phase that is added.
+        lead = phase < 0.0 and one["delay_margin"] is not None
+        parts.append(f"phase {abs(phase):.4g} deg of lead" if lead else f"phase {phase:.4g} deg")
     if one["delay_margin"] is not None:
         parts.append(f"delay {_seconds(one['delay_margin'])}")
     bounds = ([f"down to {low:.4g}"] if low else []) + ([f"up to {high:.4g}"] if high else [])
