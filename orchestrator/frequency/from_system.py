@@ -259,7 +259,7 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: KnownLaws) -> L
         known,
         inner=parts.inner,
         of_measures=tuple(laws),
-        breaks=tuple(parts.breaks),
+        breaks=tuple(dict.fromkeys(parts.breaks)),
         time=reached,
         known=laws,
         closed=closed,

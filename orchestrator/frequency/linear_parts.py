@@ -37,6 +37,8 @@ Array = NDArray[np.float64]
 # Laws by instance; a function gives that of a running instance where it stands.
 KnownLaws = Mapping[str, "Law | Callable[[FmuInstance], Law]"]
 
+# A shorter delay, in communication steps, is none: directional derivatives miss what acts in one direction.
+_AT_ONCE = 1e-6
 _UNSEEN = "of measured FMUs, motion that no connected input causes or no connected output shows is left out"
 _REMEDY = (
     "Export it with providesDirectionalDerivative, or measure the loop with "
@@ -180,8 +182,16 @@ class LinearParts:
                     self.problems += error.problems
                     idle.remove(port)
                     continue
-                if late is not None:
-                    idle.remove(port)
+                if late is None:
+                    continue
+                idle.remove(port)
+                if late.delay < _AT_ONCE * at.step:
+                    self.breaks.append(name)
+                    self.notes.append(
+                        f"{name}: {port} acts at once in one direction only, as where a contact just begins; "
+                        "roots and margins hold without that"
+                    )
+                else:
                     self.late[f"{name}.{port}"] = late
                     self.notes.append(
                         f"{name}.{port} acts after a delay of {late.delay:.9g} s within the FMU (measured)"

@@ -92,8 +92,8 @@ def _margins(report: Mapping[str, Any]) -> str:
         "crossovers [Hz]",
     ]
     text = (
-        "The smallest modulus margin first. A dash means that nothing limits it, or that the system is unstable: "
-        "then phase and gain are crossovers, no margins."
+        "The smallest modulus margin first. A dash means that nothing limits it, or that the system is "
+        "unstable: then phase and gain are crossovers, no margins."
     )
     later = later_words(report["later"]) if report["later"] is not None else []
     return pieces.table(columns, rows) + pieces.note(". ".join([*later, text]))

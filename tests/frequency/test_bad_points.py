@@ -120,3 +120,13 @@ def test_a_root_on_the_axis_has_no_margin_and_is_reported(models, tmp_path, caps
     assert "the machine is stable" not in printed
     (found,) = orc.linearise(fed_back(models, "Ball", "h")).margins().values()
     assert found.modulus_margin == 0.0 and found.sensitivity_peak == np.inf
+
+
+def test_a_contact_that_just_begins_is_no_delay():
+    system = orc.System(step_size="0.1 ms", stop_time="1 s")
+    system.add("body", "SatelliteDynamics", mass="100 kg", velocity="20 mm/s")
+    system.add("contact", "DockingContact", stiffness="176 N/mm", front="0 mm", rear="-50 mm")
+    system.connect("body.position", "contact.position").connect("body.velocity", "contact.velocity")
+    linear = orc.linearise(system.connect("contact.force", "body.force"))
+    assert not linear.late and linear.breaks == ("contact",)
+    assert any("contact: position acts at once in one direction only" in note for note in linear.notes)
