@@ -282,6 +282,9 @@ def parse_quantity(text: str) -> Quantity:
     match = _QUANTITY.fullmatch(text)
     if match is None:
         raise UnitError(f"{text!r} is not a number with a unit")
+    if match[2] and match[2][0] in ".,":
+        hint = "; decimals have a point" if match[2][0] == "," else ""
+        raise UnitError(f"{text!r} is not a number with a unit{hint}")
     unit = parse_unit(match[2]) if match[2] else ONE
     return Quantity(_fraction(match[1]), unit, text.strip())
 

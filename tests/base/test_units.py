@@ -103,6 +103,8 @@ def test_hz_is_taken_where_the_fmu_declares_it_as_display_unit():
         ("3 degC/s", "unit 'degC/s' holds a unit with an offset; use K or delta_degC"),
         ("3 degC2", "unit 'degC2' is a power of a unit with an offset; use K or delta_degC"),
         ("three N", "'three N' is not a number with a unit"),
+        ("3.2.1 N", "'3.2.1 N' is not a number with a unit"),
+        ("3,2 N", "'3,2 N' is not a number with a unit; decimals have a point"),
         ("1 m$", "cannot read 'm$' in unit 'm$'"),
     ],
 )
