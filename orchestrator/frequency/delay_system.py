@@ -77,12 +77,21 @@ class DelaySystem(CharacteristicRoots):
 
         Raises: ConfigError if there is none.
         """
+        return self._named([name])[0]
+
+    def _named(self, names: Sequence[str]) -> list[str]:
+        """`connection` of several names. Raises: ConfigError with all that there are not."""
         known = list(dict.fromkeys(one.connection for one in self.links if FILTER not in one.connection))
         ends = {_ends(one): one for one in known} | {one.rpartition(" -> ")[2]: one for one in known}
-        if name not in known and name not in ends:
-            what, allowed = f"no connection {name!r}", f"there are {listed(known)}"
-            raise ConfigError([Problem("connection", what, allowed, nearest(name, [*known, *ends]))])
-        return name if name in known else ends[name]
+        allowed = f"there are {listed(known)}"
+        problems = [
+            Problem("connection", f"no connection {name!r}", allowed, nearest(name, [*known, *ends]))
+            for name in names
+            if name not in known and name not in ends
+        ]
+        if problems:
+            raise ConfigError(problems)
+        return [name if name in known else ends[name] for name in names]
 
     def later(self, connection: str, delay: float) -> DelaySystem:
         """The same system with a connection that is later by a delay [s].
@@ -145,8 +154,7 @@ class DelaySystem(CharacteristicRoots):
             connections: as links name them; a row is what comes back at one, a column what is put in at one.
             omega: shape (k,) [rad/s].
         """
-        connections = [self.connection(one) for one in connections]
-        return self._opened(connections, 1j * np.atleast_1d(np.asarray(omega, np.float64)))
+        return self._opened(self._named(connections), 1j * np.atleast_1d(np.asarray(omega, np.float64)))
 
     def response(self, connection: str, s: ArrayLike) -> Complex:
         """L(s) of `open_loop` at any s, of the shape of s [rad/s]."""
@@ -216,14 +224,6 @@ class DelaySystem(CharacteristicRoots):
 
     def _open(self, connections: Sequence[str], s: Complex) -> Complex:
         own = [[one for one in self.links if one.connection == name] for name in connections]
-        if not all(own):
-            known = list(dict.fromkeys(one.connection for one in self.links))
-            problems = [
-                Problem("connection", f"no {name!r}", f"there are {listed(known)}", nearest(name, known))
-                for name, links in zip(connections, own, strict=True)
-                if not links
-            ]
-            raise ConfigError(problems)
         rest = self._gains([one for one in self.links if one.connection not in connections])
         # Further places that a connection feeds, as the delayed path into an FMU, carry the same signal.
         drive = np.zeros((len(self.inputs), len(own)))
@@ -398,7 +398,7 @@ class DelaySystem(CharacteristicRoots):
             connections: as links name them; all within feedback loops if none is named.
             modes: what `modes` gave.
         """
-        names = tuple(connections) or self.loops()
+        names = tuple(self._named(connections)) or self.loops()
         modes = modes or self.modes()
         if modes.unstable or not names:
             return DelayMargin(names, np.nan if modes.unstable else np.inf, np.nan)

@@ -50,5 +50,5 @@ def test_system_in_a_loop(tmp_path):
     forward = -robot_response(s) * (176e3 + 50 * s) / (1 + s / (200 * np.pi)) * 2e-6
     name = "sensor.measured_force -> gain -> offset -> robot.command"
     np.testing.assert_allclose(found.system.open_loop(name, OMEGA), -forward, rtol=1e-9)
-    with pytest.raises(ConfigError, match=r"no 'sensor -> robot'\n  there are robot.position -> contact"):
+    with pytest.raises(ConfigError, match=r"no connection 'sensor -> robot'\n  there are robot.position"):
         found.system.open_loop("sensor -> robot", OMEGA)
