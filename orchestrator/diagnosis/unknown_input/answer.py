@@ -31,10 +31,9 @@ _SMALL = 0.05
 # how often answers are wrong that leave at most so many times the noise on held-out runs; and where more is
 # left, laws and "none".
 _NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR, _NOT_NONE = 1.2, 0.02, 0.4, 0.53
-# Probability that the library lacks what is missing; and where a law explains the other runs, but held-out
-# runs contradict it. On random systems more of these verdicts are right, but machines that lack several laws
-# at once get them too.
-_OUTSIDE, _CONTRADICTED = 0.95, 0.6
+# Probability that the library lacks what is missing. On random systems more of these verdicts are right, but
+# machines that lack several laws at once get them too, as the cascaded tanks.
+_OUTSIDE = 0.6
 # Most that a law is stated with whose component the logs do not determine.
 _SOMEWHERE = 0.6
 # Least share of the gap that the nearest laws close on held-out runs to be stated.
@@ -153,7 +152,7 @@ def _judged(
     if elsewhere:
         probability = min(probability, _SOMEWHERE)
     if verdict == "outside":
-        probability = _CONTRADICTED if best.laws else _OUTSIDE
+        probability = _OUTSIDE
     places, estimate = _estimate(search) if verdict == "outside" and model.filters else ([], None)
     remains = judged.remains if verdict == "law" else calibrated.remains
     units = {str(port): study.unit(port) for port in (*model.states, *model.inputs, *model.outputs)}
