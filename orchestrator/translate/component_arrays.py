@@ -10,8 +10,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 
-from orchestrator.base.errors import BuildError
-
+from ..base.errors import BuildError
 from .declared_classes import ClassPart, DeclaredClass, DeclaredClasses, own_tokens
 from .lexer import Token, closing
 from .modifiers import arguments
