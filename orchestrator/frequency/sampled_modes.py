@@ -26,7 +26,7 @@ Complex = NDArray[np.complex128]
 _SHOWN = 6
 # Eigenvalues below this size have decayed after a few steps.
 _GONE = 1e-6
-# Up to this size all eigenvalues of the whole matrix are found at once.
+# Up to this size all eigenvalues of the full matrix are found at once.
 _DENSE = 300
 _RADIUS = 1.0 + 1e-8
 _TURN = 0.7
@@ -41,7 +41,7 @@ _MOST_ANGLES = 200_000
 
 
 class Late(NamedTuple):
-    """What a signal adds to the whole state so many periods later.
+    """What a signal adds to the complete state so many periods later.
 
     Attributes:
         lag: periods.
@@ -83,11 +83,11 @@ class SampledSystem:
 
     @property
     def size(self) -> int:
-        """Numbers that the whole state consists of."""
+        """Numbers that the complete state consists of."""
         return len(self.core) + sum(self._longest.values())
 
     def _entries(self) -> tuple[Any, Any, Array]:
-        """Rows, columns and values of the whole state's matrix; its first rows are those of `core`."""
+        """Rows, columns and values of the complete state's matrix; its first rows are those of `core`."""
         n = len(self.core)
         rows, columns = np.nonzero(self.core)
         parts = [(rows, columns, self.core[rows, columns])]
@@ -105,7 +105,7 @@ class SampledSystem:
 
     @property
     def matrix(self) -> Array:
-        """The whole state's, shape (size, size)."""
+        """The complete state's, shape (size, size)."""
         rows, columns, values = self._entries()
         whole = np.zeros((self.size, self.size))
         np.add.at(whole, (rows, columns), values)

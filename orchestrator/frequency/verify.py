@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -96,7 +97,7 @@ def verified(
     mode = next((one for one in moving_modes(modes) if one.root not in momentary), None)
     if mode is None:
         raise OrchestratorError("--verify: the system has no lasting root but 0, whose decay a run shows")
-    prepared = runs.prepared()
+    prepared = runs.plain
     step = float(prepared.grid.step_size)
     poles: list[tuple[float, complex]] = []
     overgrown = False
@@ -157,6 +158,12 @@ class _Runs:
         hold: Mapping[str, float],
     ) -> None:
         self.config, self.overrides, self.linear, self.hold = config, overrides, linear, hold
+        self._changed: dict[complex, tuple[str, float | None]] = {}
+
+    @cached_property
+    def plain(self) -> Prepared:
+        """The system as the config has it."""
+        return self.prepared()
 
     def prepared(self, overrides: Iterable[str] = (), start: Mapping[str, float] | None = None) -> Prepared:
         """The system with further overrides, and start values of states, FMU's units."""
@@ -184,11 +191,11 @@ class _Runs:
         samples = _SAMPLES
         if root.real > 0.0:
             samples = int(np.clip(np.log(_GROWN) / (root.real * size * stride), _FEWEST, _SAMPLES))
-        begin = float(self.prepared().grid.start)
+        begin = float(self.plain.grid.start)
         before = 0 if self.linear.time is None else round((self.linear.time - begin) / size)
         # Samples begin where the pulse has ended.
         first = before + _PULSE * stride if value is None else 0
-        changes = at_step(self.prepared(), size, first + stride * samples, own=True)[1]
+        changes = at_step(self.plain, size, first + stride * samples, own=True)[1]
         plain = self.prepared(changes)
         if value is None:
             # Communication points may lie beside their times by rounding.
@@ -214,9 +221,14 @@ class _Runs:
         """The state that takes the largest part in a mode and has a start value, and another value of it; or,
         away from the start or without such a state, the input that moves the mode most, and None.
         """
+        if mode.root not in self._changed:
+            self._changed[mode.root] = self._change_of(mode)
+        return self._changed[mode.root]
+
+    def _change_of(self, mode: Mode) -> tuple[str, float | None]:
         for name, _ in mode.participation if self.linear.time is None else ():
             instance = next(
-                (one for one in self.prepared().system.instances if name.startswith(f"{one.name}.")), None
+                (one for one in self.plain.system.instances if name.startswith(f"{one.name}.")), None
             )
             if instance is None or name not in self.linear.point:
                 continue
@@ -232,10 +244,10 @@ class _Runs:
 
     def _moving_input(self, mode: Mode) -> str:
         """The connected input whose usual change moves a mode most."""
-        fed = {str(one.target) for one in self.prepared().system.connections}
+        fed = {str(one.target) for one in self.plain.system.connections}
         moved = self.linear.system.moved(mode.root)
         sizes = {}
-        for one in self.prepared().system.instances:
+        for one in self.plain.system.instances:
             for port, share in moved.items():
                 name = port.removesuffix(" delayed")
                 if name in fed and name.startswith(f"{one.name}."):

@@ -1,7 +1,7 @@
 """Arrays of components: sizes that the compiler cannot evaluate, and values of elements that it mistakes.
 
 In silence it makes one component of an array whose size it does not know. What an array of components gets
-by arithmetic, as `a[n](k=2*(1:n))`, it gives each element as a whole.
+by arithmetic, as `a[n](k=2*(1:n))`, it gives every element the complete array.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ _Kinds = Mapping[str, Sequence[str]]  # enumerations by their last names
 
 @dataclass(frozen=True)
 class _Iterator:
-    """One of a loop: its name, and the tokens of what it runs over; none where subscripts tell that."""
+    """One of a loop: its name, and the tokens of what it runs over; none where subscripts determine that."""
 
     name: str
     over: Sequence[Token]
