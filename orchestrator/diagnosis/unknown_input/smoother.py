@@ -143,6 +143,12 @@ class Tangent:
 
 
 @njit()
+def _transition(g, eye):
+    """exp(g) to the fourth order, as a step of RK4 has it."""
+    return eye + g @ (eye + g @ (eye / 2.0 + g @ (eye / 6.0 + g / 24.0)))
+
+
+@njit()
 def _filter(
     rows, wiring, z, p, n, ext, held, logged, noise, begin, h, sub, acts, signals, delta, q, nu, ny,
     measured, smooth, smallest,
@@ -168,7 +174,7 @@ def _filter(
                 1e-7,
             )  # fmt: skip
             g = a * (h / sub)
-            one = eye + g @ (eye + g @ (eye / 2.0 + g @ (eye / 6.0 + g / 24.0)))
+            one = _transition(g, eye)
             f = one
             for _ in range(sub - 1):
                 f = one @ f
@@ -281,7 +287,7 @@ def _sensitive(rows, wiring, z, n, ext, held, h, sub, acts, signals, delta, nu, 
         a, c, _ = _jacobians(rows, wiring, z, n, ext[k], k * h, acts, signals, u, y, delta, measured, 1e-7)
         if k > 0:
             g = (a + before) * (0.5 * h / sub)
-            one = eye + g @ (eye + g @ (eye / 2.0 + g @ (eye / 6.0 + g / 24.0)))
+            one = _transition(g, eye)
             for _ in range(sub):
                 along = one @ along
         if not np.all(np.isfinite(along)):
@@ -297,7 +303,7 @@ def _between(a, sub, h, onward, first, last):
     d = h / sub
     eye = np.eye(len(a))
     g = a * d
-    one = eye + g @ (eye + g @ (eye / 2.0 + g @ (eye / 6.0 + g / 24.0)))
+    one = _transition(g, eye)
     whole = d * (eye + g @ (eye / 2.0 + g @ (eye / 6.0 + g / 24.0)))
     rising = d * (eye / 2.0 + g @ (eye / 6.0 + g / 24.0))
     onward[:] = eye
