@@ -19,6 +19,7 @@ from .expression import Expr
 from .initial import Check, initial_system, parameter_values, places_of
 from .matching import Block, augmented, blocks_of, matched
 from .model import DaeModel, Scalar
+from .vanished import without_vanished
 
 __all__ = ["System", "solve_order", "unbalanced"]
 
@@ -58,6 +59,7 @@ def solve_order(model: DaeModel) -> System:
     Raises: BuildError for too few or too many equations, or an equation that cannot be differentiated, with
         the names of the variables concerned.
     """
+    model = without_vanished(model)
     by_symbol = {one.value: one for one in model.variables}
     model, aliases = _without_aliases(model, by_symbol)
     states = [one.value for one in model.variables if one.role == "state"]

@@ -33,7 +33,7 @@ typedef struct {
     Hybrid h;
     double *c, *rise, *tick, *m;
     double *x, *xn, *f, *fx, *ft, *k[6], *dense[2], *a, *b, *spare; /* of the integration */
-    double *j, *lu, *y, *r, *first, *next, *along, *kept;           /* of blocks */
+    double *j, *lu, *y, *r, *first, *next, *along, *kept, *scales;  /* of blocks */
     double *keep, *g; /* g: [MOST_LOOKS + 1][margins] */
     double *held;     /* [states] 1: reinit has set it, and a projection leaves it */
     int *pivot, *pivot_a;
@@ -95,6 +95,7 @@ static size_t lay_out(Work *w, double *block)
     w->first = part(block, &used, n);
     w->next = part(block, &used, 3 * n);
     w->along = part(block, &used, n);
+    w->scales = part(block, &used, (n + 2) * n);
     w->kept = part(block, &used, unknowns());
     w->j = part(block, &used, n * n);
     w->lu = part(block, &used, n * n);
@@ -140,43 +141,79 @@ static void free_work(Work *w)
 
 /* Equations */
 
-/* LU with pivots from all columns if `complete`, else from one; rank of the matrix [n][n], which is overwritten. */
-static int factorise(double *a, int n, int complete, int *rows, int *columns)
+/* Powers of two by which rows and columns of a matrix [n][n] are multiplied, so that the largest entry of each is near 1
+ * (Ruiz, A scaling algorithm to equilibrate both rows and columns norms in matrices, 2001). */
+static void balance(const double *a, int n, double *by_row, double *by_column)
 {
-    double largest_pivot = 0;
+    for (int i = 0; i < n; i++) by_row[i] = by_column[i] = 1;
+    for (int sweep = 0; sweep < 4; sweep++)
+        for (int side = 0; side < 2; side++) {
+            double *by = side ? by_column : by_row;
+            for (int i = 0; i < n; i++) {
+                double most = 0;
+                for (int j = 0; j < n; j++)
+                    most = fmax(most, side ? fabs(a[j * n + i]) * by_row[j] : fabs(a[i * n + j]) * by_column[j]);
+                if (most > 0 && isfinite(most)) by[i] = ldexp(1, -ilogb(most));
+            }
+        }
+}
+
+static void swap(double *v, int i, int j)
+{
+    double kept = v[i];
+    v[i] = v[j];
+    v[j] = kept;
+}
+
+/* LU of the matrix [n][n], which is overwritten; its rank. An entry counts as zero where terms cancel: where it is small
+ * beside those it comes from, whatever the units of the rest. `scratch` holds (n + 2) n numbers; NULL: pivots from one
+ * column, of which only 0 counts as zero. */
+static int factorise(double *a, int n, double *scratch, int *rows, int *columns)
+{
+    double *by_row = scratch, *by_column = scratch ? scratch + n : NULL, *terms = scratch ? scratch + 2 * n : NULL;
     for (int i = 0; i < n; i++) rows[i] = columns[i] = i;
+    if (scratch) balance(a, n, by_row, by_column);
+    for (int i = 0; scratch && i < n * n; i++) terms[i] = fabs(a[i]);
     for (int k = 0; k < n; k++) {
         int row = k, column = k;
         double best = 0;
         for (int i = k; i < n; i++)
-            for (int j = k; j < (complete ? n : k + 1); j++)
-                if (fabs(a[i * n + j]) > best) best = fabs(a[(row = i) * n + (column = j)]);
-        if (best > largest_pivot) largest_pivot = best;
-        if (!(best > 1e-14 * largest_pivot) || !isfinite(best)) return k;
+            for (int j = k; j < (scratch ? n : k + 1); j++) {
+                double size = fabs(a[i * n + j]);
+                if (scratch) size = size > 1e-14 * terms[i * n + j] ? size * by_row[i] * by_column[j] : 0;
+                if (size > best) {
+                    best = size;
+                    row = i;
+                    column = j;
+                }
+            }
+        if (!(best > 0) || !isfinite(best)) return k;
         if (row != k) {
             int other = rows[k];
             rows[k] = rows[row];
             rows[row] = other;
+            if (scratch) swap(by_row, k, row);
             for (int j = 0; j < n; j++) {
-                double v = a[k * n + j];
-                a[k * n + j] = a[row * n + j];
-                a[row * n + j] = v;
+                swap(a, k * n + j, row * n + j);
+                if (scratch) swap(terms, k * n + j, row * n + j);
             }
         }
         if (column != k) {
             int other = columns[k];
             columns[k] = columns[column];
             columns[column] = other;
+            swap(by_column, k, column);
             for (int i = 0; i < n; i++) {
-                double v = a[i * n + k];
-                a[i * n + k] = a[i * n + column];
-                a[i * n + column] = v;
+                swap(a, i * n + k, i * n + column);
+                swap(terms, i * n + k, i * n + column);
             }
         }
         for (int i = k + 1; i < n; i++) {
             double v = a[i * n + k] /= a[k * n + k];
-            if (v != 0)
-                for (int j = k + 1; j < n; j++) a[i * n + j] -= v * a[k * n + j];
+            if (v == 0) continue;
+            for (int j = k + 1; j < n; j++) a[i * n + j] -= v * a[k * n + j];
+            for (int j = k + 1; scratch && j < n; j++)
+                terms[i * n + j] = fmax(terms[i * n + j], fabs(v) * terms[k * n + j]);
         }
     }
     return n;
@@ -273,7 +310,7 @@ static int newton(Work *w, const HybridBlock *b, Damping damping)
         int rank;
         if (norm == 0 && !(w->h.initial && iteration)) return 0;
         block_jacobian(w, b, r, w->lu);
-        rank = factorise(w->lu, n, 1, rows, columns);
+        rank = factorise(w->lu, n, w->scales, rows, columns);
         if (!iteration) first_rank = rank;
         if (rank == 0) return norm == 0 ? UNDETERMINED : 1;
         back_solve(w->lu, n, rank, rows, columns, r, w->y, w->j);
@@ -300,7 +337,7 @@ static int newton(Work *w, const HybridBlock *b, Damping damping)
         }
         if (rank < n) {
             /* Some unknowns are free; they stay as they are if the equations hold. */
-            if (norm <= 1e-9 * fmax(1, before)) return w->h.initial && rank < first_rank ? UNDETERMINED : 0;
+            if (norm <= 1e-9 * fmax(1, before)) return rank < first_rank ? UNDETERMINED : 0;
             if (iteration > 4) return 1;
         } else if ((b->linear && iteration > 0) || change <= SOLVED) {
             return norm <= 1e-6 * fmax(1, before) || change <= SOLVED ? 0 : 1;
@@ -320,7 +357,7 @@ static int newton_from_afar(Work *w, const HybridBlock *b)
         for (int i = 0; i < n; i++) z[b->slots[i]] = w->first[i] - (correction ? along[i] : 0);
         b->residuals(&w->h, w->r);
         block_jacobian(w, b, w->r, w->lu);
-        back_solve(w->lu, n, factorise(w->lu, n, 1, rows, columns), rows, columns, w->r, along, w->j);
+        back_solve(w->lu, n, factorise(w->lu, n, w->scales, rows, columns), rows, columns, w->r, along, w->j);
         most = in_shares(along, w->first, 1e-3, n);
         if (!(most > 0) || !isfinite(most)) return 1;
         for (double share = 1. / 64; share < 2000; share *= 4)
@@ -364,13 +401,16 @@ static int solve_block(Work *w, const HybridBlock *b)
     if (found == UNDETERMINED && isolated(w, b)) return 0;
     for (int i = 0; i < b->n; i++) z[b->slots[i]] = w->first[i];
     b->residuals(&w->h, w->r);
-    /* A start value of 0 is often none that anybody chose, and nothing can be divided by it. */
+    /* A start value of 0 is often none that anybody chose, and nothing can be divided by it, nor by the difference
+     * of two that are equal. */
     if (!isfinite(size_of(w->r, b->n)))
-        for (double start = 1; start > 1e-4; start /= 1000)
-            for (Damping damping = NATURAL; damping <= FULL_STEPS; damping++) {
-                for (int i = 0; i < b->n; i++) z[b->slots[i]] = w->first[i] == 0 ? start : w->first[i];
-                if (!newton(w, b, damping)) return 0;
-            }
+        for (int other = 0; other < 2; other++)
+            for (double start = 1; start > 1e-4; start /= 1000)
+                for (Damping damping = NATURAL; damping <= FULL_STEPS; damping++) {
+                    for (int i = 0; i < b->n; i++)
+                        z[b->slots[i]] = w->first[i] == 0 ? start * (1 + other * fmod(0.618 * i, 1)) : w->first[i];
+                    if (!newton(w, b, damping)) return 0;
+                }
     return w->may_jump ? newton_from_afar(w, b) : 1;
 }
 
@@ -667,7 +707,7 @@ static int factorise_step(Work *w, double diagonal)
     if (!s) {
         for (int e = 0; e < n * n; e++) a[e] = -w->fx[e];
         for (int k = 0; k < n; k++) a[k * n + k] += diagonal;
-        return factorise(a, n, 0, w->pivot_a, w->pivot_a + n) == n;
+        return factorise(a, n, NULL, w->pivot_a, w->pivot_a + n) == n;
     }
     memset(a, 0, (size_t)s->n_entries * sizeof(double));
     for (int k = 0; k < n; k++) a[s->diagonals[k]] = diagonal;
@@ -914,7 +954,7 @@ static int project(Work *w, double t, double *x)
                 w->a[r * m + s] = 0;
                 for (int k = 0; k < n; k++) w->a[r * m + s] += g[r * n + k] * g[s * n + k];
             }
-        rank = factorise(w->a, m, 1, rows, columns);
+        rank = factorise(w->a, m, w->scales, rows, columns);
         back_solve(w->a, m, rank, rows, columns, c, w->b, w->spare);
         for (int k = 0; k < n; k++) {
             double by = 0;
