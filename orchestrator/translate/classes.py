@@ -10,7 +10,7 @@ from orchestrator.base.errors import BuildError
 
 from .lexer import Token, closing, tokenise
 
-_CLASS_KEYWORDS = frozenset("class model block connector type package function record".split())
+_CLASS_KEYWORDS = frozenset("class model block connector type package function record operator".split())
 
 
 @dataclass(eq=False)

@@ -5,12 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 
 from orchestrator.base.errors import BuildError, nearest
 
 from .classes import ModelicaClass, used_classes
-from .lexer import tokenise
 from .pinpoint import offending_place
 from .sources import Location, SourceTree
 
@@ -416,24 +414,6 @@ _TYPED = (
 )
 
 
-def _overloaded(sources: _Sources) -> list[str]:
-    """Faults of records with operators, which the compiler takes for others."""
-    sentences = {
-        "operator": "`operator record` is not supported; make it a record, and call a function for each of "
-        "its operators",
-        "Complex": "numbers of the type Complex are not supported; declare the real and the imaginary part "
-        "as two Reals",
-    }
-    found = []
-    for path in {item.file: None for item in sources.classes()}:
-        tokens = tokenise(sources.tree.texts[path], sources.tree.shown(path))
-        for one, after in pairwise(tokens):
-            record = one.text == "operator" and after.text == "record"
-            if record or (one.text == "Complex" and after.kind == "name"):
-                found.append(f"{sources.tree.at(path, one)}: {sentences[one.text]}")
-    return found
-
-
 def explained(
     tree: SourceTree, model: str, text: str, message_of: Callable[[SourceTree], str] | None = None
 ) -> str:
@@ -444,8 +424,6 @@ def explained(
         message_of: compiles a changed tree; finds the place of a fault that the compiler reports without one.
     """
     sources = _Sources(tree, model)
-    if overloaded := _overloaded(sources):
-        return "\n".join(dict.fromkeys(overloaded))
     lines = [_STAGE.sub("", line) for line in text.splitlines()]
     lines = list(dict.fromkeys(line.strip() for line in lines if line.strip()))
     missing = re.findall(r"unresolved type reference: '([^']+)'", text)

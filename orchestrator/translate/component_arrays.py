@@ -17,7 +17,7 @@ from .modifiers import arguments
 from .source_edits import edited, outermost, path_end, path_of, text_end, words_of
 from .sources import SourceTree
 
-__all__ = ["refuse_single_components", "with_component_arrays"]
+__all__ = ["dimensions", "refuse_single_components", "with_component_arrays"]
 
 _INDEX = "adapted_index"
 _SCALAR_FUNCTIONS = frozenset("abs sqrt exp log log10 sin cos tan asin acos atan sinh cosh tanh".split())
@@ -69,7 +69,7 @@ class _Components(DeclaredClasses):
                 owner, part = found
                 whole = ".".join(path[:depth])
                 at = next((at for at, _ in part.names if owner.tokens[at].text == element), None)
-                if at is not None and whole not in seen and _dimensions(owner, part, at):
+                if at is not None and whole not in seen and dimensions(owner, part, at):
                     place = tree.at(owner.file, owner.tokens[at])
                     raise BuildError(
                         f"{place}: the size of the array `{whole}` is not known to the compiler, which is "
@@ -87,7 +87,7 @@ class _Components(DeclaredClasses):
                 edits += [*self._sizes_of(one, places, True), *self._ends(one, places)]
             for part in one.parts if one.file in self._texts else ():
                 for at, opening in part.names if part.kind == "components" else ():
-                    sizes, edits = _dimensions(one, part, at), found.setdefault(one.file, [])
+                    sizes, edits = dimensions(one, part, at), found.setdefault(one.file, [])
                     built_in = self._is_built_in(one, part)
                     for first, end in sizes:
                         edits += self._sizes_of(one, range(first, end), built_in)
@@ -203,7 +203,7 @@ class _Components(DeclaredClasses):
                 return text, None, behind
             owner, part = found
             place = next(here for here, _ in part.names if owner.tokens[here].text == name)
-            sizes = [words_of(owner.tokens[slice(*size)]) for size in _dimensions(owner, part, place)]
+            sizes = [words_of(owner.tokens[slice(*size)]) for size in dimensions(owner, part, place)]
             texts.append(f"{name}[{_INDEX}]" if sizes else name)
             all_sizes += sizes
             inner = self._type_of(owner, part)
@@ -263,7 +263,7 @@ class _Components(DeclaredClasses):
         if built_in and self._is_built_in(owner, part):
             return []  # the compiler knows it
         place = next(at for at, _ in part.names if owner.tokens[at].text == name)
-        return [words_of(owner.tokens[slice(*size)]) for size in _dimensions(owner, part, place)]
+        return [words_of(owner.tokens[slice(*size)]) for size in dimensions(owner, part, place)]
 
 
 def _range(tokens: Sequence[Token], first: int, end: int) -> list[str]:
@@ -298,7 +298,7 @@ def _matrix(tokens: Sequence[Token]) -> str:
     return f"{{{', '.join(f'{{{row.strip()}}}' for row in rows)}}}"
 
 
-def _dimensions(one: DeclaredClass, part: ClassPart, at: int) -> list[tuple[int, int]]:
+def dimensions(one: DeclaredClass, part: ClassPart, at: int) -> list[tuple[int, int]]:
     """First token of each size of a component whose name is at `at`, and the one behind it."""
     found = []
     for opening in (at + 1, part.path[1]):

@@ -103,9 +103,9 @@ class DeclaredClasses:
             one for folder in libraries for one in ([folder] if _is_package(folder) else folder.iterdir())
         ]
         self._libraries = {
-            one.stem.partition(" ")[0] if one.is_file() else one.name.partition(" ")[0]: one
+            one.name.partition(" ")[0].removesuffix(".mo"): one.with_suffix("") if one.is_file() else one
             for one in tops
-            if _is_package(one)
+            if _is_package(one) or one.suffix == ".mo"
         }
         self._read_files = set[str]()
         self._texts, self._label = texts, label
@@ -197,7 +197,9 @@ class DeclaredClasses:
         while tokens[at].text in PREFIXES:
             at += 1
         prefixes = frozenset(token.text for token in tokens[first:at])
-        if tokens[at].text in KINDS:
+        if tokens[at - 1].text == "operator" and tokens[at].kind == "name":
+            at -= 1  # the functions of one operator
+        if tokens[at].text in KINDS or tokens[at].text == "operator":
             inner = self._class(one.text, one.file, tokens, first, at, one.name)
             named = "extends" if tokens[at + 1].text == "extends" else "class"
             return ClassPart(named + " class", first, inner.end, prefixes=prefixes, owner=inner)

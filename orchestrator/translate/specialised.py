@@ -30,8 +30,10 @@ from .declared_classes import (
 )
 from .lexer import Token, closing, tokenise
 from .modifiers import Modifiers, arguments, complete, modifiers_of, written
+from .overloaded import overloads, with_calls
 from .source_edits import edited, on_one_line, path_end, path_of, text_end, words_of
 from .sources import SourceTree, line_mark, location
+from .typed_classes import is_overloading
 from .whole_paths import WholePaths
 
 __all__ = ["specialised", "specialised_library"]
@@ -50,6 +52,8 @@ def _texts(
     copied: bool = True,
 ) -> dict[str, str]:
     texts = dict(items)
+    if overloads(texts, libraries):
+        texts = with_calls(texts, label, libraries, bool(model))
     if any(_CONCERNED.search(text) for text in texts.values()):
         texts = SpecialisedClasses(texts, label, libraries, copied).specialised_texts()
     if any(_NAMED.search(text) for text in texts.values()):
@@ -69,9 +73,9 @@ def specialised(tree: SourceTree, model: str = "", libraries: Sequence[Path] = (
 
 
 def specialised_library(texts: dict[str, str], label: str, library: Path) -> dict[str, str]:
-    """As `specialised`, for the files of a library, unless it is so large that this takes minutes."""
+    """As `specialised`, for the files of a library; of a large one only operators: the rest takes minutes."""
     if sum(map(len, texts.values())) > _LARGEST:
-        return texts
+        return with_calls(texts, label, (), False) if overloads(texts, ()) else texts
     # Its packages stay what constraining types of its classes name.
     return _texts(tuple(texts.items()), label, "", (library,), False)
 
@@ -481,7 +485,7 @@ class SpecialisedClasses(DeclaredClasses):
         Returns: its path; "" where none binds it, or the modifiers need components of the class.
         """
         bound = re.compile(rf"[(,.]\s*(final\s+|each\s+)*{re.escape(name)}\s*=(?!=)")
-        if target.kind != "record" or one.kind == "function" or not brackets:
+        if target.kind != "record" or is_overloading(target) or one.kind == "function" or not brackets:
             return ""
         if one.kind != "record" and not any(bound.search(text) for text in self._texts.values()):
             return ""

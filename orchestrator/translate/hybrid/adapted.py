@@ -38,7 +38,7 @@ ANY = f"{MARK}any"
 ANY_MODEL = f"partial model {ANY}\nend {ANY};\n"
 """What every model extends: the compiler asks for a common ancestor where Modelica asks for equal parts."""
 
-_KINDS = frozenset("class model block connector type package function record".split())
+_KINDS = frozenset("class model block connector type package function record operator".split())
 _OBJECT = re.compile(
     r"\b(?:class|type|model)\s+(\w+)(?:\s*\"(?:[^\"\\]|\\.)*\")*\s*extends\s+ExternalObject\s*;"
 )

@@ -109,40 +109,6 @@ end M;
 """,
         r"5:13: delay\(\) with a delay time that changes is not supported .* delay time of parameters",
     ),
-    "`operator record`": (
-        """model M
-  operator record Pair
-    Real a;
-    Real b;
-    encapsulated operator function '+'
-      import M.Pair;
-      input Pair p;
-      input Pair q;
-      output Pair r;
-    algorithm
-      r.a := p.a + q.a;
-      r.b := p.b + q.b;
-    end '+';
-  end Pair;
-  Pair u, v, w;
-equation
-  u.a = time;
-  u.b = 1;
-  v = Pair(time, 2);
-  w = u + v;
-end M;
-""",
-        r"2:3: `operator record` is not supported; make it a record, and call a function",
-    ),
-    "`Complex`": (
-        """model M
-  Complex z;
-equation
-  z = Complex(time, 1);
-end M;
-""",
-        r"2:3: numbers of the type Complex are not supported; .* as two Reals",
-    ),
     "random numbers: `Modelica.Blocks.Noise`, `Modelica.Math.Random`": (
         """package M
   impure function seed
