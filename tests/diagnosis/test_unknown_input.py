@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -24,6 +25,7 @@ from orchestrator.diagnosis.study.channels import outliers
 from orchestrator.diagnosis.study.player import Player
 from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.study.study import Role
+from orchestrator.diagnosis.unknown_input import effort
 from orchestrator.diagnosis.unknown_input.answer import answer
 from orchestrator.diagnosis.unknown_input.choice import rivals_of
 from orchestrator.diagnosis.unknown_input.corrected import write_corrected
@@ -35,7 +37,7 @@ from orchestrator.diagnosis.unknown_input.places import Runs, rank
 from orchestrator.diagnosis.unknown_input.played import LawEffect, PlayedModel
 from orchestrator.diagnosis.unknown_input.polish import Polished, Replays
 from orchestrator.diagnosis.unknown_input.response import Responses
-from orchestrator.diagnosis.unknown_input.search import kin_of
+from orchestrator.diagnosis.unknown_input.search import Search, kin_of
 from orchestrator.diagnosis.unknown_input.separate import Simulable, separating
 from orchestrator.system.connection import Port
 
@@ -282,6 +284,50 @@ def test_one_law_is_tried_at_several_components(fmus: Path) -> None:
     kept = spread_out(shares, 12, 2)
     assert {one.place.component for one in kept} == {one.place.component for one in every}
     assert 2 <= len(kept) <= 3
+
+
+def test_the_likeliest_of_laws_that_act_the_same_takes_the_place_of_another(fmus: Path) -> None:
+    """A spring that grows stiffer, found as a curved scale of the travel by way of a pair."""
+    study = load_port_study(logged(fmus, lambda x, v: -300.0 * x * abs(x)))
+    with StateModel(study) as model:
+        search = Search(Runs(model, study.of(Role.TRAIN, Role.VALIDATION)), lambda stage: None)
+        search.scores(search.begins[0])
+        place = next(one for one in search.places if one.name == "spring.travel")
+        curve = next(one for one in readable(model, place) if one.law.name == "gain curve")
+        start = np.r_[search.base.constants, 3.0]
+        found = search.likelier([search.fitted([curve], start, search.base.starts, 12, None)])
+    ((laws, fit),) = [(one.laws, two) for one, two in found]
+    assert [one.law.name for one in laws] == ["progressive stiffness"]
+    assert fit.remains < 1.1
+    assert curve.name in [one.name for one in search.twins[laws[0].name]]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere fits run one after the other")
+def test_the_effort_is_counted_alike_on_any_number_of_cores(fmus: Path) -> None:
+    study = load_port_study(logged(fmus, lambda x, v: -900.0 * x**3))
+    spent = []
+    cores = os.sched_getaffinity(0)
+    try:
+        for some in (cores, set(list(cores)[:1])):
+            os.sched_setaffinity(0, some)
+            with StateModel(study) as model:
+                search = Search(Runs(model, study.of(Role.TRAIN, Role.VALIDATION)), lambda stage: None)
+                search.scores(search.begins[0])
+                spent.append(model.effort.spent)
+    finally:
+        os.sched_setaffinity(0, cores)
+    assert spent[0] == spent[1] > 4 * 3 * 800
+
+
+def test_a_search_ends_at_its_limit_of_effort_and_says_so(
+    fmus: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = load_port_study(logged(fmus, lambda x, v: -900.0 * x**3, push=lambda t: 4.0 * (3.0 < t < 3.1)))
+    monkeypatch.setattr(effort, "_LIMIT", 1e6)
+    found = answer(study)
+    (remark,) = [one for one in found.remarks if "limit of work" in one]
+    assert "pairs of laws" in remark
+    assert found.fitted is not None and found.fitted.laws[0].law.family == "stiffness"
 
 
 def test_laws_of_a_family_begin_with_the_numbers_that_they_share(fmus: Path) -> None:

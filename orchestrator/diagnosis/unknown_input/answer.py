@@ -97,6 +97,8 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
         chosen = simplest(search, weighed)
         progress("judgement")
         made = _judged(study, model, search, weighed, chosen)
+        if search.left_out:
+            left_out.append(f"The search ended at its limit of work, without: {', '.join(search.left_out)}.")
         return replace(made, remarks=[*left_out, *made.remarks], seconds=perf_counter() - begin)
 
 

@@ -23,6 +23,7 @@ from ...system.connection import Connection, Port
 from ...system.system import Instance
 from ..study.study import PortRun, PortStudy
 from .calls import call_law
+from .effort import Effort
 
 __all__ = ["COLUMNS", "Inserted", "Kinds", "Place", "StateModel", "acts_of", "evaluate", "past_of"]
 
@@ -254,6 +255,7 @@ class StateModel:
     inputs: list[Port] = field(default_factory=list)
     outputs: list[Port] = field(default_factory=list)
     parameters: list[Port] = field(default_factory=list)
+    effort: Effort = field(default_factory=Effort)
 
     def __post_init__(self) -> None:
         self._kept = ExitStack()

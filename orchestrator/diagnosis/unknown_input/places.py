@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..study.study import PortRun
 from .model import Inserted, Place, StateModel
 from .played import PlayedModel
-from .smoother import Smoothed, filtered, signals_along, simulated, substeps
+from .smoother import Smoothed, filtered, pass_effort, signals_along, simulated, substeps
 
 __all__ = ["Ranked", "Runs", "rank", "smoothed_at"]
 
@@ -178,6 +178,23 @@ class Runs:
                 return found
             mean, cov = one.z[at], one.covariance[at, at]
         return found
+
+    def effort(self) -> float:
+        """Evaluations of components that a simulation of all runs takes."""
+        return float(sum(len(one[2]) for one in self.data)) * 4 * self.sub * len(self.model.rows)
+
+    def pass_effort(self) -> float:
+        """Evaluations of components that a filter's pass over all runs takes."""
+        size = len(self.scale)
+        samples = sum(len(one[2]) for one in self.data)
+        return float(samples * pass_effort(len(self.model.rows), size, self.sub, False))
+
+    def affordable(self, least: int) -> int | None:
+        """Samples of each run that fits look at, at least so many; None: all."""
+        share = self.model.effort.share(self.effort())
+        if share == 1.0:
+            return None
+        return max(least, int(share * max(len(one[2]) for one in self.data)))
 
     def logged_spread(self) -> float:
         """Spread of what is logged, over the noise."""

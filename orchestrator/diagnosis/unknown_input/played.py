@@ -34,6 +34,8 @@ __all__ = ["LawEffect", "PlayedModel"]
 Array = NDArray[np.float64]
 # Numbers, and states, that a law has at most; steps of its states between two communication points.
 _MOST, _PARTS = 4, 8
+# Evaluations of a component that a step of an instance by the master takes as long as.
+_STEP = 10
 # Simulations of each part of a system that are kept.
 _KEPT = 64
 
@@ -233,6 +235,7 @@ class PlayedModel(StateModel):
         }
         names, values = (*self.states, *self.parameters), (*z[:nx], *z[nx + hidden : at])
         start |= {port: float(value) for port, value in zip(names, values, strict=True)}
+        self.effort.add(_STEP * len(ext) * len(self.instances))
         put = []
         for one in laws:
             place, signal = self._port(one.place), one.signals[0]

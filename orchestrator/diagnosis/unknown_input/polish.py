@@ -152,13 +152,13 @@ class Replays:
             own = self.runs.hidden(k, self.laws, begin[k], constants)
             z = np.concatenate([begin[k], own, constants])
             made = sensitive(self.model, ext, held, z, tiny, self.runs.sub_of(self.laws), self.laws)
-            with np.errstate(over="ignore"):
+            part = np.zeros((int(self.masks[k].sum()), nc + nx * len(begin)))
+            with np.errstate(over="ignore"):  # where a simulation runs away
                 made = (made / self.model.noise[:, None])[self.settled :][self.masks[k]]
-            part = np.zeros((len(made), nc + nx * len(begin)))
-            part[:, :nc] = made[:, first : first + nc] * sizes[:nc]
-            part[:, nc + k * nx : nc + (k + 1) * nx] = made[:, :nx] * self.scale
+                part[:, :nc] = made[:, first : first + nc] * sizes[:nc]
+                part[:, nc + k * nx : nc + (k + 1) * nx] = made[:, :nx] * self.scale
             parts.append(part)
-        # Where a simulation runs away, squares must stay finite.
+        # Squares must stay finite.
         return np.clip(np.nan_to_num(np.vstack(parts), posinf=0.0, neginf=0.0), -_STEEPEST, _STEEPEST)
 
 
@@ -204,7 +204,10 @@ def polished(
             known[:] = [replays.sensitivity(*apart(theta), size, fixed, exact, before)]
             return np.vstack([weight * known[0], bounds])
 
-        best = least_squares(function, begin, jacobian, max_nfev=trials, xtol=1e-5, ftol=1e-4, x_scale="jac")
+        with np.errstate(over="ignore", invalid="ignore"):  # where all that is tried runs away
+            best = least_squares(
+                function, begin, jacobian, max_nfev=trials, xtol=1e-5, ftol=1e-4, x_scale="jac"
+            )
         now, begin = best.fun[: len(now)] / weight, best.x
         if fixed or weight**2 >= 1.0 / 1.5:
             break

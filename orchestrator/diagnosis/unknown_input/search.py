@@ -56,18 +56,23 @@ class Search:
     def __init__(self, runs: Runs, progress: Callable[[str], None]) -> None:
         self.runs, self.model, self.progress = runs, runs.model, progress
         self.study = runs.model.study
-        self.base = polished(runs, (), runs.model.nominal)
+        self.samples = runs.affordable(SAMPLES)
+        self.base = polished(runs, (), runs.model.nominal, samples=self.samples)
         constants = self.base.constants, self.base.covariance
         self.nothing = Fitted((), np.zeros(0), np.zeros(0), 0.0, constants)
         # Where laws are tried from. Parameters that leave their tolerances imitate a law: then also without.
         self.begins = [(self.nothing, self.base)]
         if self.far(self.base.constants):
             near = self.limited(self.base.constants, 1.0)
-            self.begins.append((self.nothing, polished(runs, (), near, self.base.starts, fixed=True)))
+            self.begins.append(
+                (self.nothing, polished(runs, (), near, self.base.starts, fixed=True, samples=self.samples))
+            )
         self.places = [one for one in runs.model.places() if self._leaves(runs.model.seen_at(one))]
         self.twins: dict[str, list[Candidate]] = {}
         # Fits that were carried on to the end, and are not again.
         self.ended: list[Fitted] = []
+        # Stages that the limit of effort left out.
+        self.left_out: list[str] = []
 
     def _leaves(self, columns: Sequence[int]) -> bool:
         """Whether calibration leaves more than noise in a part of the system, by its compared signals."""
@@ -91,7 +96,10 @@ class Search:
         made = scored(
             self.runs, self.places, laws, beside[1].constants, beside[1].starts, late=late
         )  # fmt: skip
-        self.twins |= {one.name: twins for one, twins in zip(made.candidates, made.twins, strict=True)}
+        # What acts the same beside no law counts first: beside others, other signals are read.
+        for one, twins in zip(made.candidates, made.twins, strict=True):
+            for each in (one, *twins) if twins else ():
+                self.twins.setdefault(each.name, [two for two in (one, *twins) if two is not each])
         return made
 
     def fitted(
@@ -166,9 +174,16 @@ class Search:
                 for one in sets[begin : begin + _RIVALS]
             )
             # The sets come in the order of their scores. Where one explains the logs, a few rivals suffice.
-            if explained:
+            if explained or not self.model.effort.allows():
                 break
         return sorted(found, key=lambda each: each[1].remains)
+
+    def _allowed(self, stage: str, evaluations: float = 0.0) -> bool:
+        """Whether the limit of effort allows a stage; notes it if not."""
+        allowed = self.model.effort.allows(evaluations)
+        if not allowed and stage not in self.left_out:
+            self.left_out.append(stage)
+        return allowed
 
     def _fits(
         self, begins: Iterable[tuple[Sequence[Candidate], Array, Sequence[Array]]], *options: Any, **more: Any
@@ -187,6 +202,8 @@ class Search:
             for one, two in ranked[:kept]
             if two.remains < near and not any(one is each for each in self.ended)
         ])  # fmt: skip
+        if not self._allowed("exact derivatives"):
+            return _unlike([*found, *ended])
         # Exact derivatives see the corners of a law, but cost most.
         least = min((two.remains for _, two in (*found, *ended)), default=np.inf)
         exact = self._fits(
@@ -194,7 +211,7 @@ class Search:
                 (one.laws, two.constants, two.starts)
                 for one, two in ended if _EXPLAINED < two.remains < _CLOSE * least
             ),
-            _EXACT, None, exact=True,
+            _EXACT, self.samples, exact=True,
         )  # fmt: skip
         self.ended += [one for one, _ in (*ended, *exact)]
         return _unlike([*found, *ended, *exact])
@@ -212,6 +229,27 @@ class Search:
         return self._fits(
             ((law,), np.r_[pair.constants[:count], values], pair.starts) for law, values, _ in best.by_law()
         )
+
+    def likelier(self, found: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished]]:
+        """The best fits, each law replaced by the likeliest that acts the same, where that is another.
+
+        A fit may have reached a law by way of a pair, without regard to what acts the same.
+        """
+        best = {len(one.laws): (one, two) for one, two in reversed(_unlike(found))}
+        begins = []
+        for one, two in best.values():
+            laws = tuple(
+                max([law, *self.twins.get(law.name, ())], key=lambda each: each.odds) for law in one.laws
+            )
+            sizes = [len(law.law.numbers) for law in one.laws]
+            if laws != one.laws and [len(law.law.numbers) for law in laws] == sizes:
+                count = len(self.model.nominal)
+                numbers = [
+                    law.numbers if law is not old else values
+                    for law, (old, values, _) in zip(laws, one.by_law(), strict=True)
+                ]
+                begins.append((laws, np.r_[two.constants[:count], *numbers], two.starts))
+        return self._fits(begins, _MANY, self.samples)
 
     def within_tolerance(self, found: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished]]:
         """Other laws in place of the best single one, if that needs a parameter beyond its tolerance.
@@ -237,20 +275,20 @@ class Search:
                 if one.law.linear and len(one.law.numbers) == len(best.numbers)
                 for constants in (begin, other)
             ),
-            _MANY, None,
+            _MANY, self.samples,
         )  # fmt: skip
 
     def to_the_end(
         self, laws: Sequence[Candidate], constants: Array, starts: Sequence[Array]
     ) -> tuple[Fitted, Polished]:
         """A fit carried on with all samples."""
-        made = self.fitted(laws, constants, starts, _MANY, None)
+        made = self.fitted(laws, constants, starts, _MANY, self.samples)
         if made[1].remains > _EXPLAINED:
             # Calibration without the law may have led the fit astray, and to other start states.
             fresh = np.r_[self.model.nominal, [value for law in laws for value in law.numbers]]
             other = self.fitted(laws, fresh, [each[3] for each in self.runs.data])
             if other[1].remains < made[1].remains:
-                return self.fitted(laws, other[1].constants, other[1].starts, _MANY, None)
+                return self.fitted(laws, other[1].constants, other[1].starts, _MANY, self.samples)
         return made
 
     def filtered(self) -> list[tuple[Fitted, Polished]]:
@@ -262,6 +300,10 @@ class Search:
         best: Fitted | None = None
         values = sum(int((~np.isnan(one[2])).sum()) for one in self.runs.data)
         for _ in range(2):
+            # Places take a dozen passes each, fits of laws a hundred together.
+            passes = 12 * len(self.places) + 100
+            if not self._allowed("unknown input", passes * self.runs.pass_effort()):
+                break
             self.progress("unknown input")
             laws = [] if best is None else [one.inserted for one in best.laws]
             priors = [] if best is None else [(v, abs(v)) for v in best.numbers.tolist()]
@@ -284,7 +326,7 @@ class Search:
             if not made:
                 break
             best = made[0]
-        if best is not None:
+        if best is not None and self._allowed("relatives of the unknown input's laws"):
             relatives = [one for one in self._relatives(best) if np.isfinite(one.loglik)]
             found += in_parallel([partial(self._simulated, one) for one in relatives])
         return sorted(found, key=lambda each: each[1].remains)
@@ -292,7 +334,7 @@ class Search:
     def _simulated(self, one: Fitted) -> tuple[Fitted, Polished]:
         """A fit of the simulation, which begins with a filter's numbers and start states."""
         starts = likely(self.runs, [law.inserted for law in one.laws], one.constants[0])
-        return self.fitted(one.laws, one.constants[0], starts, 10, None)
+        return self.fitted(one.laws, one.constants[0], starts, 10, self.samples)
 
     def _relatives(self, best: Fitted) -> Iterator[Fitted]:
         """The same laws, each in turn replaced by one of its family, as a lag by a delay."""
@@ -336,16 +378,16 @@ class Search:
         self.progress("laws")
         scores = [self.scores(begin) for begin in self.begins]
         tried = self._from_begins(scores, partial(_singly, most=_TRIED, each=_EACH))
-        if tried and not self.explained(tried):
+        if tried and not self.explained(tried) and self._allowed("laws of the same family"):
             for one in _families(_unlike(tried))[:_BEAM]:
                 tried += self._kin(*one, operator.gt)
         singles = self.finished(tried, _KEPT)
-        if singles:
+        if singles and self._allowed("laws of the same family"):
             # Where the first laws explain the logs, others of their family may not have been tried.
             # A resonance without overshoot is a lag.
             singles = _unlike([*singles, *self.finished(self._kin(*singles[0], operator.le), 1)])
         every += singles
-        if not self.explained(every):
+        if not self.explained(every) and self._allowed("rarer laws"):
             self.progress("rarer laws")
             late = [self.scores(begin, late=True) for begin in self.begins]
             scores = [one.joined(two) for one, two in zip(scores, late, strict=True)]
@@ -354,17 +396,21 @@ class Search:
             every += rare
             singles = _unlike([*singles, *rare])
         lacking = not singles or singles[0][1].remains > SECOND or bool(self.far(singles[0][1].constants))
-        if not self.explained(every) and lacking:
+        if not self.explained(every) and lacking and self._allowed("pairs of laws"):
             self.progress("pairs of laws")
             pairs = self.finished(self._pairs(scores, singles), _KEPT)
             # The first round may find a law that explains still more, or as much with fewer numbers.
             for _ in range(_ROUNDS if pairs else 0):
+                if not self._allowed("other laws in pairs"):
+                    break
                 before = pairs[0][0].laws
                 pairs = self.finished([*pairs, *self._alike(*pairs[0], singles)], _KEPT)
                 if pairs[0][0].laws == before or self.explained(pairs):
                     break
             every += [*pairs, *self.finished(self.alone(pairs), _KEPT)]
-        every += self.within_tolerance(every)
+        every += self.likelier(every)
+        if self._allowed("other laws within tolerances"):
+            every += self.within_tolerance(every)
         lost = self.base.remains > _LOST * self.runs.logged_spread()
         if self.model.filters and lost and not self.explained(every):
             every += self.filtered()
@@ -439,11 +485,11 @@ class Search:
         """
         found = self._from_begins(scores, partial(Scores.pairs, most=_BESIDE))
         for one in _families(singles)[:_BEAM]:
-            if not self.explained(found):
+            if not self.explained(found) and self._allowed("pairs with the best laws"):
                 more = self.scores(one).candidates
                 found += self.tried([[two] for two in more if two.law.states == 0][:_BESIDE], one)
         for one in _families(singles)[:_RARE]:
-            if not self.explained(found):
+            if not self.explained(found) and self._allowed("pairs with rarer laws"):
                 rare = self.scores(one, late=True).candidates
                 found += self.tried([[two] for two in spread_out(rare, _BESIDE, 1)], one)
         return found

@@ -116,7 +116,8 @@ def _sensors(runs: Runs, ours: Array, theirs: Array, rival: Simulable) -> Iterat
     """Outputs that are not compared yet and in which the two differ."""
     model = runs.model
     noise = dict(zip(model.compared, model.noise, strict=True))
-    differ = np.sqrt(np.mean((ours - theirs) ** 2, axis=0))
+    with np.errstate(invalid="ignore", over="ignore"):  # where one of them runs away
+        differ = np.sqrt(np.mean((ours - theirs) ** 2, axis=0))
     before = max(differ[model.outputs.index(port)] / noise[port] for port in model.compared)
     for port, size, spread in zip(model.outputs, differ, ours.std(axis=0), strict=True):
         if port not in noise and port not in model.fed and spread > 0.0 and size > _SHARE * spread:

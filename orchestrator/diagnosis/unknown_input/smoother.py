@@ -17,10 +17,13 @@ from ...base.compiled_functions import njit
 from .model import Inserted, Place, StateModel, acts_of, evaluate, past_of
 
 __all__ = [
-    "Smoothed", "Tangent", "filtered", "sensitive", "signals_along", "simulated", "substeps", "tangent",
+    "Smoothed", "Tangent", "filtered", "pass_effort", "sensitive", "signals_along", "simulated", "substeps",
+    "tangent",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
+# States beyond it have run away; FMUs would complain of each infinite number that follows.
+_AWAY = 1e100
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ def _room(z, held):
 
 @njit(allocates=False)
 def _step(rows, wiring, z, n, e0, e1, held, t, h, acts, signals, u, y, sub, past, now, call, room):
-    """RK4 over one sample; moves z."""
+    """RK4 over one sample; moves z, which is not a number after states have run away."""
     nx, nh, np_, nt, nw = n
     m, d = nx + nh, h / sub
     c = m + np_ + nt
@@ -85,10 +88,16 @@ def _step(rows, wiring, z, n, e0, e1, held, t, h, acts, signals, u, y, sub, past
                 rows, wiring, z, n, ext, t + f * h, acts, signals, u, y, k[i, :nx], k[i, nx:m],
                 past, now, call,
             )  # fmt: skip
+        size = 0.0
         for j in range(m):
             z[j] = base[j] + d / 6.0 * (k[0, j] + 2.0 * k[1, j] + 2.0 * k[2, j] + k[3, j])
+            size += abs(z[j])
         if nw == 2:
             z[c] = base[c] + d * base[c + 1]
+        if not size < _AWAY:
+            for j in range(m):
+                z[j] = np.nan
+            break
     now[0], now[1], now[3] = first + sub, 0.0, 0.0
 
 
@@ -394,6 +403,16 @@ def _where(model: StateModel, laws: Sequence[Inserted], w: Place | None, order: 
     return n, *acts_of(laws, w, model.study.interval)
 
 
+def _products(count: int, sub: int) -> int:
+    """Evaluations of components that take as long as the products of matrices over a sample."""
+    return (5 + sub) * count**3 // 1000
+
+
+def pass_effort(components: int, size: int, sub: int, smooth: bool) -> int:
+    """Evaluations of components that a filter's pass takes for each sample."""
+    return (4 * sub + 2 * (1 + size)) * components + (2 + smooth) * _products(size, sub)
+
+
 def substeps(model: StateModel, scale: Array, fed: Array) -> int:
     """Steps of RK4 a sample that keep the fastest mode within 0.7 of a step.
 
@@ -421,6 +440,7 @@ def simulated(
 ) -> tuple[Array, Array]:
     """Compared outputs and all signals [states, inputs, outputs] of an open run from z."""
     n, acts, signals = _where(model, laws, None, 0)
+    model.effort.add(len(ext) * 4 * sub * len(model.rows))
     return _simulate(
         model.rows, model.wiring, z, n, ext, held, model.study.interval, sub, acts, signals,
         len(model.inputs), len(model.outputs), model.measured,
@@ -438,6 +458,7 @@ def sensitive(
     Returns: shape (samples, compared, len(z)); zeros after a run that is not finite.
     """
     n, acts, signals = _where(model, laws, None, 0)
+    model.effort.add(len(ext) * ((4 * sub + 1 + len(z)) * len(model.rows) + _products(len(z), sub)))
     return _sensitive(
         model.rows, model.wiring, z, n, ext, held, model.study.interval, sub, acts, signals, 1e-5 * scale,
         len(model.inputs), len(model.outputs), model.measured,
@@ -456,6 +477,7 @@ def tangent(
     n, acts, signals = _where(model, laws, None, 1)
     w_acts = np.array([_where(model, laws, place, 1)[1] for place, _ in places])
     deltas = np.array([1e-5 * size for _, size in places])
+    model.effort.add(len(ext) * (4 * sub + len(z) + len(places)) * len(model.rows))
     made = _tangent(
         model.rows, model.wiring, np.append(z, 0.0), n, ext, held, model.study.interval, sub, acts, signals,
         1e-5 * scale, w_acts, deltas, len(model.inputs), len(model.outputs), model.measured,
@@ -489,6 +511,7 @@ def filtered(
     """
     n, acts, signals = _where(model, laws, w, order)
     covariance = np.diag(variance) if variance.ndim == 1 else variance
+    model.effort.add(len(ext) * pass_effort(len(model.rows), len(z), sub, smooth))
     loglik, end, cov, path, var = _filter(
         model.rows, model.wiring, z.copy(), covariance.copy(), n, ext, held, logged, model.noise, begin,
         model.study.interval, sub, acts, signals, 1e-5 * scale, intensity, len(model.inputs),
