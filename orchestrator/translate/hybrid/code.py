@@ -28,7 +28,7 @@ _KINDS = {
     "assert": "ACTION_ASSERT", "warning": "ACTION_WARNING", "terminate": "ACTION_TERMINATE",
     "bound": "ACTION_BOUND",
 }  # fmt: skip
-HISTORY_ROOM = 6 + 8 * 2048  # as in hybrid.h
+HISTORY_ROOM = 6 + 8 * 4096  # as in hybrid.h
 _TYPES = {"real": "TYPE_REAL", "boolean": "TYPE_BOOLEAN"}
 
 

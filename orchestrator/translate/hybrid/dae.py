@@ -473,7 +473,7 @@ class _Reader(Values):
         owner, _, member = name.rpartition(".")
         if not owner:
             return CONSTANTS.get(name) if name == "pi" else None
-        known = getattr(self._functions, "members", lambda _: [])(owner.rpartition(".")[2])
+        known: list[list[str]] = getattr(self._functions, "members", lambda *_: [])(owner, section.file)
         ordinals = {names.index(member) + 1 for names in known if member in names}
         return float(ordinals.pop()) if len(ordinals) == 1 else None
 

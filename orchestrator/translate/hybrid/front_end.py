@@ -319,6 +319,7 @@ class FunctionTexts:
         self._tree = specialised(tree)
         self._libraries = libraries
         self._found: dict[str, dict[str, str]] = {}
+        self._members: dict[str, list[list[str]]] = {}
 
     def __call__(self, name: str) -> FunctionSource | None:
         # The compiler writes the name of a function of the model itself without that of the model.
@@ -338,11 +339,20 @@ class FunctionTexts:
                         return FunctionSource(name, text)
         return None if "." in name else self._within_models(name)
 
-    def members(self, kind: str) -> list[list[str]]:
-        """Names of the members of each enumeration of this name, without its path."""
+    def members(self, kind: str, file: str) -> list[list[str]]:
+        """Names of the members of each enumeration that a path in a file means, by its last name.
+
+        Args:
+            file: may import the enumeration under another name.
+        """
+        text = self._tree.texts.get(file) or (Path(file).read_text() if Path(file).is_file() else "")
+        imported = re.search(rf"\bimport\s+{re.escape(kind)}\s*=\s*([\w.]+)\s*;", text)
+        kind = (imported[1] if imported else kind).rpartition(".")[2]
+        if kind in self._members:
+            return self._members[kind]
         pattern = re.compile(rf"\btype\s+{re.escape(kind)}\s*=\s*enumeration\s*\(")
         files = (one.read_text() for library in self._libraries for one in library.rglob("*.mo"))
-        found = []
+        found = self._members[kind] = []
         for text in (*self._tree.texts.values(), *files):
             for match in pattern.finditer(text):
                 tokens = tokenise(text[match.end() : text.index(";", match.end())], kind)

@@ -339,3 +339,38 @@ end Whole;
     found = run(made(tmp_path, text, model="Whole"), 1.0, 0.5, "'p.x'", "'q.a'[3]")
     assert found["'p.x'"] == pytest.approx(np.exp(-3 * found["time"]), rel=1e-6)
     assert found["'q.a'[3]"] == pytest.approx(6 * np.exp(-3 * found["time"]), rel=1e-6)
+
+
+def test_quoted_members_of_an_enumeration_that_a_file_imports_under_another_name(tmp_path):
+    fmu = made(tmp_path, """
+package P
+  package Digital
+    type Logic = enumeration('U' "not set", 'X', '0', '1');
+  end Digital;
+  model Part
+    import L = P.Digital.Logic;
+    parameter Integer n = 3;
+    input Real u;
+    output L bits[n](each start=L.'X', each fixed=true);
+    Integer z(start=0, fixed=true);
+  algorithm
+    when sample(0.5, 1) then
+      z := integer(u);
+      for i in 1:n loop
+        bits[i] := if mod(z, 2) > 0 then L.'1' else L.'0';
+        z := div(z, 2);
+      end for;
+    end when;
+  end Part;
+  model M
+    Part part(u=3 + 2*time);
+  end M;
+end P;
+""", model="P.M")  # fmt: skip
+    found = run(fmu, 3.0, 0.25, "part.bits[1]", "part.bits[3]")
+    for time, first, last in zip(*found.values(), strict=True):
+        if time % 1 == 0.5:
+            continue
+        # 4 is 100, 6 is 110 and 8 is 000 in three bits; 0 and 1 are members 3 and 4, X is 2
+        ticks = int(np.floor(time + 0.5))
+        assert (first, last) == [(2, 2), (3, 4), (3, 4), (3, 3)][ticks]

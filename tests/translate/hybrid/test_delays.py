@@ -128,3 +128,28 @@ def test_a_delay_is_shown_as_the_model_writes_it(tmp_path):
         f"model M\nReal x(start=1, fixed=true), y;\n{EVENT}der(x) = -x;\ny = delay(x, 0.5);\nend M;\n"
     )
     assert "y = delay(x, 0.5)" in show_model(source, "blocks")
+
+
+def test_a_delay_that_is_long_beside_the_steps(tmp_path):
+    """A wave on a line of 1 s, which a load of three times the line's impedance reflects by half."""
+    fmu = made(tmp_path, f"""
+model M
+  parameter Real Z = 50, T = 1, R = 150;
+  Real es(start=0), er(start=0), v1, i1, v2(start=0), i2;
+  output Real load = v2;
+  {EVENT}
+  i1 = (v1 - es)/Z;
+  i2 = (v2 - er)/Z;
+  es = 2*delay(v2, T) - delay(er, T);
+  er = 2*delay(v1, T) - delay(es, T);
+  v1 = sin(230*time);
+  v2 = -R*i2;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 4.5, 0.0501, "load")
+
+    def exact(t: float) -> float:
+        # at the load 1.5 of what arrives; the source sends -1/2 of it back each 2 s
+        return sum(1.5 * (-0.5) ** k * math.sin(230 * max(t - 1 - 2 * k, 0)) for k in range(2))
+
+    assert found["load"] == pytest.approx([exact(t) for t in found["time"]], abs=1e-6)

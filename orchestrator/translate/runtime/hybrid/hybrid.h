@@ -82,7 +82,7 @@ typedef struct {
     const char *const *checked;           /* names for hybrid_contradiction */
 } HybridInfo;
 
-enum { HISTORY_MOST = 64, HISTORY_SEGMENTS = 2048, HISTORY_ROOM = 6 + 8 * HISTORY_SEGMENTS };
+enum { HISTORY_MOST = 64, HISTORY_SEGMENTS = 4096, HISTORY_ROOM = 6 + 8 * HISTORY_SEGMENTS };
 
 /* What an instance is used for: it decides when events are handled. */
 typedef enum {
