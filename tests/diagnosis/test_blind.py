@@ -15,7 +15,7 @@ from orchestrator.diagnosis.blind.cases import drawn, make
 from orchestrator.diagnosis.blind.draw import Drawing, draw
 from orchestrator.diagnosis.blind.hidden import named
 from orchestrator.diagnosis.blind.parts import PARTS
-from orchestrator.diagnosis.blind.plant import Drawn, Drive, simulate
+from orchestrator.diagnosis.blind.plant import Drawn, Drive
 from orchestrator.diagnosis.blind.run import Order, check
 from orchestrator.diagnosis.blind.score import calibration_error, scored, summary, summary_text
 
@@ -41,7 +41,7 @@ def test_the_solver_agrees_with_equations_written_by_hand() -> None:
     law = named(plant, "coulomb", "strut.force", "output", "strut.rate", [0.4, 0.01])
     assert law is not None
     drive = Drive(force[:, None], False, 0.01)
-    found = simulate(plant, drive, plant.nominal, plant.start, [law], np.array([0.01, 0.1]))
+    found = plant.simulate(drive, plant.nominal, plant.start, [law], np.array([0.01, 0.1]))
 
     def rate(t: float, x: list[float]) -> list[float]:
         f = np.interp(t, time, force) - 80.0 * x[0] - 2.0 * x[1] - 0.4 * np.tanh(x[1] / 0.01)
@@ -59,13 +59,13 @@ def test_a_delay_and_a_lag_of_the_drive_shift_it() -> None:
     plant = oscillator()
     count, size = 600, np.array([0.01, 0.1])
     drive = Drive(np.sin(4.0 * np.arange(count) * 0.01)[:, None], False, 0.01)
-    plain = simulate(plant, drive, plant.nominal, plant.start, [], size)
+    plain = plant.simulate(drive, plant.nominal, plant.start, [], size)
     delay = named(plant, "delay", "motor.voltage", "input", "motor.voltage", [0.05])
     lag = named(plant, "lag", "motor.voltage", "input", "motor.voltage", [0.05])
     assert delay is not None and lag is not None
-    late = simulate(plant, drive, plant.nominal, plant.start, [delay], size)
+    late = plant.simulate(drive, plant.nominal, plant.start, [delay], size)
     assert np.allclose(late[5:, 0], plain[:-5, 0], atol=1e-4 * np.ptp(plain[:, 0]))
-    slow = simulate(plant, drive, plant.nominal, plant.start, [lag], size)
+    slow = plant.simulate(drive, plant.nominal, plant.start, [lag], size)
     # In the steady state a lag turns the phase by atan(omega tau) and divides by sqrt(1 + (omega tau)^2).
     end = slice(400, None)
     assert np.ptp(slow[end, 0]) == pytest.approx(np.ptp(plain[end, 0]) / np.hypot(1.0, 0.2), rel=0.02)
@@ -143,7 +143,7 @@ connections:
         drive = Drive(np.sin(5.0 * np.arange(200) * 0.01)[:, None], False, 0.01)
         size = np.array([0.01, 0.1])
         made = [
-            simulate(one, drive, p, one.start, [named(one, *law)], size)  # type: ignore[list-item]
+            one.simulate(drive, p, one.start, [named(one, *law)], size)  # type: ignore[list-item]
             for one, p in ((held, held.nominal), (own, own.nominal))
         ]
         at = [one.states.index("carriage.position") for one in (held, own)]
@@ -213,7 +213,7 @@ def test_a_law_at_an_output_of_a_state_reads_inputs(law: str, numbers: list[floa
     made.driven["motor.voltage"] = 0.0, 1.0
     plant, drive = Drawn(made), Drive(5.0 * np.sin(np.arange(200) * 0.05)[:, None], False, 0.01)
     found = [
-        simulate(plant, drive, plant.nominal, plant.start, [one] if one else [], np.ones(3))[:, 1]
+        plant.simulate(drive, plant.nominal, plant.start, [one] if one else [], np.ones(3))[:, 1]
         for one in (
             named(plant, law, "motor.torque", "output", "motor.speed", numbers),
             named(plant, law, "rotor.torque", "input", "rotor.speed", numbers),
@@ -231,7 +231,7 @@ def test_a_lag_and_a_delay_begin_at_their_signal() -> None:
         index = plant.inputs.index("motor.voltage")
         law = named(plant, name, "motor.voltage", "input", "motor.voltage", numbers)
         assert law is not None and law.index == index
-        found = simulate(plant, drive, plant.nominal, steady, [law], np.array([0.01, 0.1]))
+        found = plant.simulate(drive, plant.nominal, steady, [law], np.array([0.01, 0.1]))
         assert np.abs(found[:, 0] - steady[0]).max() < 1e-6
 
 

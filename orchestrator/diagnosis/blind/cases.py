@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .draw import draw
 from .hidden import Sizes, choices, outside, scaled
-from .plant import Acting, Drawn, Drive, Lost, Plant, simulate
+from .plant import Acting, Drawn, Drive, Lost, Plant
 
 __all__ = ["CLEAR", "RUNS", "Case", "Draft", "drawn", "driven", "make", "write_study", "write_system"]
 
@@ -120,7 +120,7 @@ def _made(seed: int, random: Random, draft: Draft, kind: str) -> Case:
     plant, drives = draft.plant, draft.drives(random)
     nx = len(plant.states)
     size = np.maximum(np.abs(plant.start), 1e-3)
-    plain = simulate(plant, drives[0], plant.nominal, plant.start, [], size)
+    plain = plant.simulate(drives[0], plant.nominal, plant.start, [], size)
     size = np.maximum(np.maximum(plain[:, :nx].std(axis=0), 1e-3 * np.abs(plain[:, :nx]).max(axis=0)), 1e-9)
     sizes = Sizes(
         plain.mean(axis=0), plain.std(axis=0), np.abs(plain).max(axis=0), drives[0].interval,
@@ -140,7 +140,7 @@ def _made(seed: int, random: Random, draft: Draft, kind: str) -> Case:
     laws = _chosen(plant, sizes, random, kind)
     for again in range(3):
         signals = [
-            simulate(plant, one, parameters, start, laws, size)
+            plant.simulate(one, parameters, start, laws, size)
             for one, start in zip(drives, starts, strict=True)
         ]
         evidence, effects = _evidence(
@@ -201,7 +201,7 @@ def _evidence(
         return [], []
 
     def logged(p: Array, x: Array, some: Sequence[Acting]) -> Array:
-        return np.ravel(simulate(plant, drive, p, x, some, size)[:, columns] / noise)
+        return np.ravel(plant.simulate(drive, p, x, some, size)[:, columns] / noise)
 
     whole = np.ravel(signals[:, columns] / noise)
     moves = []
@@ -271,13 +271,20 @@ def write_study(case: Case, folder: Path) -> None:
     plant, held = case.draft.plant, case.drives[0].held
     columns: dict[str, Any] = {"time": {"column": "time", "unit": "s"}}
     header = ["time [s]"]
-    for k, one in enumerate(plant.external):
+    fed = [k for k, one in enumerate(plant.external) if one not in plant.varied]
+    for k in fed:
+        one = plant.external[k]
         columns[one] = {"column": f"u{k}", "unit": plant.units[one]} | ({"hold": True} if held else {})
         header.append(f"u{k} [{plant.units[one]}]")
     for k, (one, noise) in enumerate(zip(plant.compared, case.noise.tolist(), strict=True)):
         unit = plant.units[one]
         columns[one] = {"column": f"y{k}", "unit": unit, "noise": f"{noise!r} {unit}", "feed": False}
+        columns[one] |= {"start": True} if one in plant.begun else {}
         header.append(f"y{k} [{unit}]")
+    runs: list[dict[str, Any]] = []
+    for (name, role), drive in zip(case.draft.runs, case.drives, strict=True):
+        values = _set(plant, drive)
+        runs.append({"file": f"{name}.csv", "role": role} | ({"set": values} if values else {}))
     study = {
         "format": "port-study/1", "system": "system.yaml", "interval": f"{case.drives[0].interval!r} s",
         "columns": columns,
@@ -285,15 +292,24 @@ def write_study(case: Case, folder: Path) -> None:
             plant.parameters[k]: {"tolerance": f"{tolerance!r} {plant.units[plant.parameters[k]]}"}
             for k, tolerance in case.draft.calibrated
         },
-        "runs": [{"file": f"{name}.csv", "role": role} for name, role in case.draft.runs],
+        "runs": runs,
     }  # fmt: skip
     for (name, _), drive, logs in zip(case.draft.runs, case.drives, case.logs, strict=True):
         time = np.arange(len(logs)) * drive.interval
-        table = np.column_stack([time, drive.values, logs])
+        table = np.column_stack([time, drive.values[:, fed], logs])
         np.savetxt(
             folder / f"{name}.csv", table, delimiter=",", header=",".join(header), comments="", fmt="%.12g"
         )
     _dump(folder / "study.yaml", study)
+
+
+def _set(plant: Plant, drive: Drive) -> dict[str, str]:
+    """Parameters and start values of a run that differ from the config's."""
+    return {
+        one: f"{float(drive.values[0, k])!r} {plant.units[one]}"
+        for k, one in enumerate(plant.external)
+        if one in plant.varied and not np.isnan(drive.values[0, k])
+    }
 
 
 def _dump(path: Path, data: Any) -> None:

@@ -67,14 +67,13 @@ def _places(plant: Plant, sizes: Sizes) -> Iterator[_At]:
     nx, nu = len(plant.states), len(plant.inputs)
     names = [*plant.states, *plant.inputs, *plant.outputs]
     size = np.maximum(sizes.spread, 1e-9 * np.maximum(1.0, sizes.most))
-    p, e = plant.nominal.tolist(), [float(sizes.mean[names.index(one)]) for one in plant.external]
-    x = sizes.mean[:nx]
 
     def moved(kind: str, index: int, step: float) -> Any:
-        act = Acting("", "", "", kind, index, "", (0,), {}, lambda t, s, z: step)
-        return plant.evaluate(0.0, x.tolist(), e, p, [act], [])
+        place = (plant.inputs if kind == "input" else plant.outputs)[index]
+        push = Acting("", "", place, kind, index, "", (0,), {}, lambda t, s, z: step)
+        return plant.at_rest(sizes.mean, push)
 
-    rest = plant.evaluate(0.0, x.tolist(), e, p, [], [])
+    rest = plant.at_rest(sizes.mean)
     for kind, group, first in (("input", plant.inputs, nx), ("output", plant.outputs, nx + nu)):
         for index, place in enumerate(group):
             instance = place.split(".")[0]
@@ -94,7 +93,7 @@ def _places(plant: Plant, sizes: Sizes) -> Iterator[_At]:
                     sign = -math.copysign(1.0, max(push, key=abs, default=-1.0))
                 elif kind == "output" and nx <= reads < nx + nu:
                     lifted = moved("input", reads - nx, float(size[reads]) * 1e-4)
-                    slope = (lifted[2][first + index] - rest[2][first + index]) / (float(size[reads]) * 1e-4)
+                    slope = (lifted[1][first + index] - rest[1][first + index]) / (float(size[reads]) * 1e-4)
                     sign = math.copysign(1.0, slope) if slope else 1.0
                 yield _At(
                     place, kind, index, signal, reads, sign, slope, own, plant.units[place],
@@ -265,7 +264,7 @@ _LAWS = {
     "backlash": _Law(
         "backlash", lambda c: c.sensor, lambda c: {"half width": c.draw(0.03, 0.2) * c.u, "time": 0.2 * c.h},
         lambda t, s, z, n: -_clip(s - z[0], n[0]), False,
-        lambda s, z, n: (s - z[0] - _clip(s - z[0], n[0])) / n[1], False),
+        lambda s, z, n: (s - z[0] - _clip(s - z[0], n[0])) / n[1]),
 }  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -14,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from .draw import Drawing
 
-__all__ = ["Acting", "Drawn", "Drive", "Lost", "Plant", "simulate"]
+__all__ = ["Acting", "Drawn", "Drive", "Integrated", "Lost", "Plant"]
 
 Array = NDArray[np.float64]
 # Relative tolerance of the solver; absolute ones are this share of each state's size.
@@ -69,11 +70,14 @@ class Drive:
 
 
 class Plant(Protocol):
-    """A system that can be integrated; vectors as in `Acting`.
+    """A system that hides laws; vectors as in `Acting`.
 
     Attributes:
+        states: names; of a system that gives no access to its states, outputs that answer no input at once.
         parameters: names of those that can change, with their `nominal` values.
         external, compared: names of inputs that are driven and of outputs that are logged.
+        begun: names of compared outputs whose first sample is their start value.
+        varied: names, among `external`, of parameters and start values that stay constant in a run.
     """
 
     states: list[str]
@@ -82,26 +86,64 @@ class Plant(Protocol):
     parameters: list[str]
     external: list[str]
     compared: list[str]
+    begun: list[str]
+    varied: list[str]
     units: dict[str, str]
     start: Array
     nominal: Array
     legs: dict[str, list[tuple[str, float]]]
 
-    def evaluate(
-        self,
-        t: float,
-        x: Sequence[float],
-        e: Sequence[float],
-        p: Sequence[float],
-        laws: Sequence[Acting],
-        z: Sequence[float],
-    ) -> tuple[list[float], list[float], list[float]]:
-        """Derivatives of states and of the laws' states, and all signals [x, u, y]."""  # fmt: skip
+    def simulate(
+        self, drive: Drive, parameters: Array, start: Array, laws: Sequence[Acting], size: Array
+    ) -> Array:
+        """All signals [x, u, y] at the samples, shape (samples, signals).
+
+        Args:
+            size: of each state, for the solver's absolute tolerance.
+        Raises: Lost if the simulation runs away.
+        """
+        ...
+
+    def at_rest(self, mean: Array, push: Acting | None = None) -> tuple[list[float], list[float]]:
+        """Derivatives of states, and all signals, at the mean of the signals and with a constant law."""
         ...
 
 
+class Integrated(ABC):
+    """A plant whose derivatives SciPy integrates with an adaptive step."""
+
+    states: list[str]
+    inputs: list[str]
+    outputs: list[str]
+    external: list[str]
+    begun: list[str]
+    varied: list[str]
+    nominal: Array
+
+    @abstractmethod
+    def evaluate(
+        self, t: float, x: Sequence[float], e: Sequence[float], p: Sequence[float],
+        laws: Sequence[Acting], z: Sequence[float],
+    ) -> tuple[list[float], list[float], list[float]]:  # fmt: skip
+        """Derivatives of states and of the laws' states, and all signals [x, u, y]."""
+
+    def simulate(
+        self, drive: Drive, parameters: Array, start: Array, laws: Sequence[Acting], size: Array
+    ) -> Array:
+        """See `Plant`."""
+        return _integrated(self, drive, parameters, start, laws, size)
+
+    def at_rest(self, mean: Array, push: Acting | None = None) -> tuple[list[float], list[float]]:
+        """See `Plant`."""
+        names = [*self.states, *self.inputs, *self.outputs]
+        e = [float(mean[names.index(one)]) for one in self.external]
+        x, laws = mean[: len(self.states)].tolist(), [] if push is None else [push]
+        rate, _, signals = self.evaluate(0.0, x, e, self.nominal.tolist(), laws, [])
+        return rate, signals
+
+
 @dataclass
-class Drawn:
+class Drawn(Integrated):
     """A random system with its equations as written in `parts`."""
 
     drawing: Drawing
@@ -126,6 +168,7 @@ class Drawn:
             starts += [made.starts.get(f"{name}.{one}", part.starts.get(one, 0.0)) for one in part.states]
             numbers += made.numbers[name]
         self.start, self.nominal = np.array(starts), np.array(numbers)
+        self.begun, self.varied = [], []
         self.external, self.compared = list(made.driven), list(made.compared)
         for target, found in made.wires.items():
             self.legs[target] = [(f"{instance}.{port}", gain) for instance, port, gain in found]
@@ -156,7 +199,7 @@ class Drawn:
         self, t: float, x: Sequence[float], e: Sequence[float], p: Sequence[float],
         laws: Sequence[Acting], z: Sequence[float],
     ) -> tuple[list[float], list[float], list[float]]:  # fmt: skip
-        """See `Plant`."""
+        """See `Integrated`."""
         nx, nu = len(self.states), len(self.inputs)
         s = [*x, *([0.0] * (nu + len(self.outputs)))]
         rate, extra = [0.0] * nx, [0.0] * len(z)
@@ -220,15 +263,9 @@ def _w(law: Acting, t: float, s: Sequence[float], z: Sequence[float], at: int, e
     return law.value(t, read, own)
 
 
-def simulate(
-    plant: Plant, drive: Drive, parameters: Array, start: Array, laws: Sequence[Acting], size: Array
+def _integrated(
+    plant: Integrated, drive: Drive, parameters: Array, start: Array, laws: Sequence[Acting], size: Array
 ) -> Array:
-    """All signals [x, u, y] at the samples, shape (samples, signals).
-
-    Args:
-        size: of each state, for the solver's absolute tolerance.
-    Raises: Lost if the simulation runs away.
-    """
     count, h = len(drive.values), drive.interval
     times = np.arange(count) * h
     columns = [np.ascontiguousarray(one).tolist() for one in drive.values.T]

@@ -127,13 +127,15 @@ def _build(plant: Drawn, folder: Path) -> None:
 
 def _searched(folder: Path) -> dict[str, Any]:
     """What the search says of a case."""
+    from ..study.native import in_native_form
     from ..study.reader import load_port_study
     from ..unknown_input.answer import answer
     from ..unknown_input.report import data_of
 
     begin = _processor_seconds()
     try:
-        found = answer(load_port_study(folder / "study.yaml"))
+        study, _ = in_native_form(load_port_study(folder / "study.yaml"))
+        found = answer(study)
     except (OrchestratorError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         return {"error": f"{type(error).__name__}: {error}"}
     # Unrounded, for calibration: the logarithm of each rival's probability over that of the answer.

@@ -11,7 +11,7 @@ import numpy as np
 
 from .cases import Case
 from .hidden import renamed
-from .plant import Lost, simulate
+from .plant import Lost
 
 __all__ = ["GOALS", "Scored", "calibration_error", "scored", "summary", "summary_text"]
 
@@ -163,7 +163,7 @@ def _equal(said: Mapping[str, Any], hidden: Mapping[str, Any], case: Case | Call
     columns = [first + plant.outputs.index(one) for one in plant.compared]
 
     def logged(some: Any) -> Any:
-        found = simulate(plant, made.drives[-1], made.parameters, made.starts[-1], some, made.size)
+        found = plant.simulate(made.drives[-1], made.parameters, made.starts[-1], some, made.size)
         return found[:, columns] / made.noise
 
     try:

@@ -463,8 +463,9 @@ class StateModel:
         """Fed signals of a run, shape (samples, fed), and which are held between samples."""
         ports = self.study.held
         count = len(run)
-        values = {port: np.full(count, value) for port, value in run.values.items()}
-        found = {**values, **run.logs}
+        found = {port: run.logs[port] for port in self.study.fed if port in run.logs}
+        # What a run sets may be compared, too: its log does not count here.
+        found |= {port: np.full(count, value) for port, value in run.values.items()}
         columns = [
             found[port] if port in found else np.full(count, self._unlogged(port)) for port in self.fed
         ]

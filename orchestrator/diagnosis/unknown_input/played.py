@@ -258,7 +258,8 @@ class PlayedModel(StateModel):
             return outputs, np.zeros((0, 0))
         found = self._seeing.run(logs, len(ext), start, put)
         nothing = np.zeros(len(ext))
-        columns = [found.get(port, nothing) for port in (*self.states, *self.inputs, *self.outputs)]
+        ports = (*self.states, *self.inputs, *self.outputs)
+        columns = [found.get(port, logs.get(port, nothing)) for port in ports]
         return np.column_stack([found[port] for port in self.compared]), np.column_stack(columns)
 
     def _unlogged(self, port: Port) -> float:
