@@ -81,7 +81,10 @@ def unknown_path(data: dict[str, Any], name: str, place: str) -> Problem:
     known += [f"measures.{one}.{key}" for one in measures for key in _section(measures, one)]
     sections = "run, external, connections[...].through, bonds, measures, title"
     allowed = f"instances: {listed(instances)}; sections: {sections}"
-    return Problem(place, f"no {name!r} to set", allowed, nearest(name, known))
+    remedy = nearest(name, known)
+    if not remedy and instances and "." not in name:
+        remedy = f"Write {next(iter(instances))}.{name} for a start value of the instance."
+    return Problem(place, f"no {name!r} to set", allowed, remedy)
 
 
 _HANDLING = ("interface", "tolerance", "event_mode", "any_step", "isolate", "time_limit", "step_size")

@@ -208,6 +208,11 @@ def test_overrides_that_lead_nowhere_are_refused_together():
     ]
 
 
+def test_an_override_without_an_instance_names_one():
+    message = refusal(data(), ["stiffness=3 N"])
+    assert message.endswith(" Write one.stiffness for a start value of the instance.")
+
+
 def test_an_override_is_judged_like_the_file():
     assert refusal(data(), ["run.step_size=5 V"]) == (
         "--set run.step_size=5 V: run.step_size: V [kg.m2.s-3.A-1] cannot be converted to s [s]"
