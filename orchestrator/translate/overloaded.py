@@ -271,10 +271,9 @@ class _Body:
     def _equal(self, begin: int, left: _Value, right: _Value, sign: str) -> str:
         sides = (left, right)
         named = not any(one.called for one in sides)
-        simple = named and not self.event and left.kind == right.kind and not (left.sizes or right.sizes)
         if sign == ":=" and not left.sizes:
             return f"{left.text} := {right.text}"
-        if not all(one.is_record for one in sides) or simple:
+        if not all(one.is_record for one in sides):
             return f"{left.text} {sign} {right.text}"
         if left.sizes or right.sizes:
             size, self.rewritten = left.sizes or right.sizes, True

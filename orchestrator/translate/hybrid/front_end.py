@@ -16,6 +16,7 @@ from orchestrator.base.digests import digest_of, file_digest
 from orchestrator.base.errors import BuildError
 from orchestrator.base.temporary_folders import cache_folder, keep_last_used
 
+from .. import overloaded, typed_classes
 from .. import specialised as classes
 from ..compiler import TIME_LIMIT, compile_model
 from ..complaints import CompilerRefusal, explained
@@ -111,6 +112,7 @@ def flat_form(
 # The compiler's last answers: a check asks for several forms of one model.
 _answers: dict[tuple[object, ...], tuple[dict[str, Any], Spans]] = {}
 _MOST_ANSWERS = 4
+_REWRITERS = (rules, classes, overloaded, typed_classes)  # of libraries: a copy is of their version
 _MOST_COPIES = 4  # of libraries, each of some 26 MB
 _TRANSACTIONS = "model_event_transactions"  # algorithms whose statements depend on each other at an event
 _SECTIONS = "sections.json"  # of the copy of a library
@@ -279,7 +281,7 @@ def _adapted_library(
     kept = cache_folder("libraries") / digest_of(
         json.dumps(
             [
-                [file_digest(Path(one.__file__)) for one in (rules, classes)],
+                [file_digest(Path(one.__file__)) for one in _REWRITERS],
                 str(library.resolve()),
                 functions if functions is None else sorted(functions),
                 sections is not None,
