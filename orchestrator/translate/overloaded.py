@@ -27,6 +27,7 @@ __all__ = ["overloads", "with_calls"]
 _RECORD = re.compile(r"\boperator\s+record\b")
 _INDEX = "adapted_index"
 _MAKER = "adapted_record"
+_COUNTED = re.compile(r"for (\w+) in 1 : ([^,]+)")
 _LEVELS = (
     ("or",), ("and",), ("<", "<=", ">", ">=", "==", "<>"), ("+", "-", ".+", ".-"), ("*", "/", ".*", "./"),
     ("^", ".^"),
@@ -544,8 +545,7 @@ class _Body:
         values, over = self._arguments()
         texts = [one.text for one in values]
         if over:
-            value = values[0] if values else _Value("")
-            return _Value(f"{{{texts[0]} {over}}}", value.kind)
+            return self._comprehension(values[0], over) if values else _Value("")
         kinds = {one.kind for one in values}
         kind = kinds.pop() if len(kinds) == 1 else "Real" if kinds == {"Real", "Integer"} else ""
         sizes = (str(len(values)), *(values[0].sizes if values else ()))
@@ -561,6 +561,18 @@ class _Body:
             return _Value(text, kind, sizes, written(texts))
         one = self._chosen(kind, values, written)
         return replace(one, text=text, sizes=sizes, element=one.text)
+
+    def _comprehension(self, value: _Value, over: str) -> _Value:
+        text, counted = f"{{{value.text} {over}}}", _COUNTED.fullmatch(over)
+        if counted is None or value.sizes:
+            return _Value(text, value.kind, ("",) * (1 + over.count(" in ") + len(value.sizes)))
+        name = re.compile(rf"(?<![.\w]){counted[1]}\b(?!\s*=(?!=))")
+
+        def element(of: str) -> str:
+            return name.sub(_INDEX, of)
+
+        members = (lambda one: element(self._member(value, one))) if value.is_record else None
+        return _Value(text, value.kind, (counted[2],), element(value.text), members)
 
     def _arguments(self) -> tuple[list[_Value], str]:
         """Positional arguments of a call or elements of an array, and the iterators behind them, as text."""
@@ -655,7 +667,7 @@ class _Body:
             return unknown
         before = ".".join(name for name, _ in names[:place])
         whole, element, sizes = before, before, list[str]()
-        kind, cls = "", None
+        kind, cls, sliced = "", None, False
         for number, (name, inside) in enumerate(names[place:], place):
             if number > place:
                 if cls is None:
@@ -665,9 +677,12 @@ class _Body:
                     return unknown
             assert found is not None
             owner, part, at = found
-            kind, cls = self.known.kind_of(owner, part)
+            record, (kind, cls) = kind, self.known.kind_of(owner, part)
             places = dimensions(owner, part, at)
             own = [self._size(owner, words_of(owner.tokens[a:b]), whole) for a, b in places]
+            before = f"{whole}.{name}" if whole else name
+            own = [f"size({before}, {n})" if size == ":" else size for n, size in enumerate(own, 1)]
+            sliced |= record.startswith(".") and bool(sizes)
             given = inside if inside is not None else [":"] * len(own)
             if len(given) < len(own):
                 given = [*given, *[":"] * (len(own) - len(given))]
@@ -681,6 +696,9 @@ class _Body:
                 return unknown if kind.startswith(".") else replace(unknown, kind=kind, sizes=tuple(sizes))
         if len(sizes) > 1:
             element = ""
+        if sliced and element:  # the compiler takes no members of all elements
+            self.rewritten = True
+            text = f"{{{element} for {_INDEX} in 1:{sizes[0]}}}"
         # The compiler takes no members of constants of packages.
         members = (lambda name: f"{text}.{name}") if own_one else None
         return _Value(text, kind, tuple(sizes), element if sizes else "", members, not own_one)
@@ -808,9 +826,14 @@ def _getter(name: str) -> str:
 
 
 def _output_edits(known: _Overloaded, one: DeclaredClass) -> Iterator[tuple[int, int, str]]:
-    """Values in the modifiers of a function's results as statements: the compiler does not take these."""
+    """Values in the modifiers of a function's results as statements, and sizes of inputs left open."""
     tokens, values = one.tokens, list[str]()
     for part in one.parts if one.kind == "function" else ():
+        for at, _ in part.names if "input" in part.prefixes else ():
+            sizes = dimensions(one, part, at) if known.kind_of(one, part)[0].startswith(".") else []
+            for first, end in sizes:
+                if tokens[first].text == "size":  # the compiler does not take sizes of other inputs
+                    yield tokens[first].start, text_end(tokens[end - 1]), ":"
         for at, opening in part.names if "output" in part.prefixes else ():
             if opening < 0 or not known.kind_of(one, part)[0].startswith("."):
                 continue
