@@ -5,8 +5,9 @@
 
 Without --models all models of the package that are not partial are tried; of a library's folder those
 that the file names. Each is built for this machine, run over its experiment (1 s without one) by fmpy, and
-compared at 103 points, which no sample of a round period meets: with the CSV file of the library's
-reference results, where DIR has one, else with a solution of `book_solutions`, else with rumoca's simulator.
+compared at 103 points, which no sample of a round period meets: with a solution of `book_solutions` or
+`library_solutions`, else with the CSV file of the library's reference results, where DIR has one, else with
+rumoca's simulator.
 The package and the library stay where they are; nothing of them is written.
 """
 
@@ -29,6 +30,7 @@ from typing import Any
 import numpy as np
 
 from .book_solutions import SOLUTIONS
+from .library_solutions import LIBRARY_SOLUTIONS
 
 LIMIT = 150.0
 POINTS = 103.7
@@ -131,6 +133,15 @@ def tried(path: Path, libraries: list[Path], references: Path | None) -> None:
                     logger=lambda *said, into=messages: into.append(said[-1].decode()),
                 )  # fmt: skip
                 stage = "comparison"
+                own = (SOLUTIONS | LIBRARY_SOLUTIONS).get(name.partition(".")[2])
+                if own is not None:
+                    solved = own(found["time"])
+                    table = np.column_stack([found["time"], *solved.values()])
+                    answer = compared(found, ["time", *solved], table) | {"by": "scipy"}
+                    print(
+                        "@" + json.dumps({"stage": stage, **answer, "states": counts["states"]}), flush=True
+                    )
+                    continue
                 csvs = (
                     {
                         str(one.parent.relative_to(references)).replace("/", ".").replace(".", "_"): one
@@ -143,15 +154,6 @@ def tried(path: Path, libraries: list[Path], references: Path | None) -> None:
                 if csv is not None and csv.stat().st_size:  # some copies lack what large files hold
                     answer = referenced(found, csv) | {"states": counts["states"]}
                     print("@" + json.dumps({"stage": stage, **answer}), flush=True)
-                    continue
-                own = SOLUTIONS.get(name.partition(".")[2])
-                if own is not None:
-                    solved = own(found["time"])
-                    table = np.column_stack([found["time"], *solved.values()])
-                    answer = compared(found, ["time", *solved], table) | {"by": "scipy"}
-                    print(
-                        "@" + json.dumps({"stage": stage, **answer, "states": counts["states"]}), flush=True
-                    )
                     continue
                 if model is None:
                     answer = {"what": "rumoca does not simulate it", "states": counts["states"]}
@@ -171,7 +173,7 @@ def tried(path: Path, libraries: list[Path], references: Path | None) -> None:
 
 
 def compared(ours: Any, names: list[str], table: np.ndarray) -> dict[str, Any]:
-    """The largest difference of a signal, in shares of its range.
+    """The largest difference of a signal, in shares of its range, which is at least 1e-4 of its size.
 
     Args:
         names: of the columns of the table, of which the first is the time.
@@ -189,7 +191,7 @@ def compared(ours: Any, names: list[str], table: np.ndarray) -> dict[str, Any]:
         sides = [np.interp(ours["time"] + shift, times, other) for shift in (-aside, 0.0, aside)]
         at = np.clip(own, np.min(sides, axis=0), np.max(sides, axis=0))
         steady = np.ones(len(own), dtype=bool)
-        span = max(np.ptp(other), np.ptp(own), 1e-6 * np.abs(other).max(), 1e-9)
+        span = max(np.ptp(other), np.ptp(own), 1e-4 * np.abs(other).max(), 1e-9)
         jumps = np.abs(np.diff(own)) > 0.2 * span
         steady[1:] &= ~jumps
         steady[:-1] &= ~jumps
