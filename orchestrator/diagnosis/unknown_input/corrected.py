@@ -15,6 +15,7 @@ from ...translate.package import this_platform
 from ..study.config_data import config_data, long_form, short_form, with_unit
 from ..study.study import PortStudy
 from .answer import Answer
+from .corrected_component import ModelOfLaw, build_corrected
 from .law_fit import Candidate
 from .model import Kinds
 
@@ -32,12 +33,27 @@ def write_corrected(study: PortStudy, found: Answer, folder: Path) -> list[str]:
         data["instances"][port.instance]["start"][port.variable] = with_unit(value, study.unit(port))
     connections = [long_form(one) for one in data.get("connections", [])]
     laws = found.fitted.by_law() if found.fitted and found.verdict == "law" else ()
+    inside: dict[str, list[ModelOfLaw]] = {}
     for number, (law, values, _) in enumerate(laws, 1):
         name = f"law_{number}"
-        problem = _put(study, data, connections, law, name)
-        problem = problem or _built(study, law, values.tolist(), name, folder)
+        if not law.law.modelica:
+            return [f"{law.name} is not in corrected.yaml: the law has no Modelica equations."]
+        text = _model(study, law, values.tolist(), name)
+        if law.place.kind is Kinds.RATE:
+            state = Port.of(law.place.name.removeprefix("der(").removesuffix(")"))
+            signals = {"u": law.signal, "v": law.second}
+            reads = {key: Port.of(one).variable for key, one in signals.items() if one}
+            inside.setdefault(state.instance, []).append(ModelOfLaw(name, text, state.variable, reads))
+            continue
+        problem = _put(study, data, connections, law, name) or _built(text, name, folder)
         if problem:
             return [f"{law.name} is not in corrected.yaml: {problem}"]
+    for instance, models in inside.items():
+        path, problem = build_corrected(study.prepared.system, instance, models, folder)
+        if problem:
+            names = ", ".join(f"{one.name} at der({instance}.{one.state})" for one in models)
+            return [f"corrected.yaml is not written: a law acts inside a component, {names}; {problem}"]
+        data["instances"][instance]["fmu"] = path
     short = [short_form(one) for one in connections]
     data["connections"] = [
         {key: value for key, value in one.items() if value != []} if isinstance(one, dict) else one
@@ -56,10 +72,6 @@ def _put(
     A law of the signal at its own place stands in series; the others add to the signal at their place.
     """
     place = law.place.name
-    if law.place.kind is Kinds.RATE:
-        return f"it acts inside a component, at {place}. Add it to that equation of the model."
-    if not law.law.modelica:
-        return "the law has no Modelica equations."
     series = law.signal == place
     read, problem = _source(study, connections, law.signal, f"{name}.u")
     second, other = _source(study, connections, law.second, f"{name}.v") if law.second else (None, "")
@@ -115,9 +127,11 @@ def _source(
     return long_form(f"{signal} -> {to}"), ""
 
 
-def _built(study: PortStudy, law: Candidate, values: list[float], name: str, folder: Path) -> str:
-    """Write the law's model and build its FMU; why that failed, or ""."""
-    unit, read = study.unit(Port.of(law.place.name)), study.unit(Port.of(law.signal))
+def _model(study: PortStudy, law: Candidate, values: list[float], name: str) -> str:
+    """The text of the law's model."""
+    read = study.unit(Port.of(law.signal))
+    rate = law.place.kind is Kinds.RATE
+    unit = "" if rate else f'(unit="{study.unit(Port.of(law.place.name))}")'
     second = law.second and (
         f'  input Real v(unit="{study.unit(Port.of(law.second))}", start=0) "Second signal";\n'
     )
@@ -135,14 +149,18 @@ def _built(study: PortStudy, law: Candidate, values: list[float], name: str, fol
         code = code.replace("y =", "added =")
         declared.append("  Real added;")
         code += " y = u + added;"
-    text = (
+    return (
         f'model {name} "{law.law.sentence.rstrip(".")}"\n' + "\n".join(declared) + "\n"
         f'  input Real u(unit="{read}", start=0) "Signal that the law reads";\n'
         f"{second}"
-        f'  output Real y(unit="{unit}") "{"Signal with the law" if series else "What the law adds"}";\n'
+        f'  output Real y{unit} "{"Signal with the law" if series else "What the law adds"}";\n'
         f"{begin}equation\n" + "".join(f"  {one.strip()};\n" for one in code.split(";") if one.strip())
         + f"end {name};\n"
     )  # fmt: skip
+
+
+def _built(text: str, name: str, folder: Path) -> str:
+    """Write a law's model and build its FMU; why that failed, or ""."""
     model = folder / f"{name}.mo"
     write_text(model, text)
     try:

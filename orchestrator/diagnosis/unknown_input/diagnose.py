@@ -79,7 +79,7 @@ def diagnose_system(
         return DiagnosedSystem(study, found)
     folder = Path(out)
     folder_at(folder)
-    earlier = ("diagnosis.json", "report.html", "corrected.yaml", *(p.name for p in folder.glob("law_*.*")))
+    earlier = ("diagnosis.json", "report.html", "corrected.yaml", *_models(folder))
     for one in earlier:
         (folder / one).unlink(missing_ok=True)
     found.remarks.extend(write_corrected(study, found, folder))
@@ -90,6 +90,12 @@ def diagnose_system(
         write_text(folder / "report.html", page(study.name, found))
     data = json.dumps(data_of(found), allow_nan=False, ensure_ascii=False, indent=1)
     write_text(folder / "diagnosis.json", data + "\n")
-    kept = {*earlier, *(p.name for p in folder.glob("law_*.*"))}
+    kept = {*earlier, *_models(folder)}
     written = tuple(sorted(p.name for p in folder.iterdir() if p.name in kept))
     return DiagnosedSystem(study, found, folder, written)
+
+
+def _models(folder: Path) -> list[str]:
+    """Names of models and FMUs of laws and of corrected components."""
+    patterns = ("law_*.*", "*_corrected.mo", "*_corrected.fmu")
+    return [path.name for one in patterns for path in folder.glob(one)]

@@ -1,0 +1,124 @@
+"""A component with laws at derivatives of its states, as a Modelica model and an FMU.
+
+The model is the flat form of the one that the FMU was built from. There each derivative that a law changes is
+the law's value larger than the equations say.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
+
+from ...base.atomic_files import write_text
+from ...base.errors import OrchestratorError
+from ...fmi import CompiledFmu
+from ...system.system import System
+from ...translate.build import build
+from ...translate.package import this_platform
+from ...translate.presentation import sources_of
+from ...translate.show import show_model
+
+__all__ = ["ModelOfLaw", "build_corrected", "source_of"]
+
+_PROVENANCE = "extra/orchestrator/provenance.json"
+_HEAD = re.compile(r"^(?:model|block|class) ([\w']+).*\n", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class ModelOfLaw:
+    """A law at the derivative of a state.
+
+    Attributes:
+        name, text: of its Modelica model, whose output is y.
+        state: at whose derivative it acts. reads: the component's variable for each of the model's inputs.
+    """
+
+    name: str
+    text: str
+    state: str
+    reads: Mapping[str, str]
+
+
+def source_of(fmu: Path) -> tuple[Path, str] | str:
+    """The Modelica file that an FMU was built from, with the model's name; or why it is not known.
+
+    The FMU names its files with their digests. They are looked for beside the FMU and one folder above.
+    """
+    with ZipFile(fmu) as archive:
+        if _PROVENANCE not in archive.namelist():
+            return f"{fmu.name} does not say which model it was built from"
+        about = json.loads(archive.read(_PROVENANCE))
+    name, found = str(about["modelName"]), []
+    for file, digest in about.get("sources", {}).items():
+        places = (fmu.parent / file, fmu.parent / Path(file).name, fmu.parent.parent / file)
+        same = [one for one in places if one.is_file() and _digest(file, one) == digest]
+        if not same or same[0].suffix != ".mo":
+            return f"{file}, from which {fmu.name} was built, is not beside it, or differs"
+        found.append(same[0])
+    last = name.rpartition(".")[2]
+    main = [one for one in found if one.stem == last] or found
+    return (main[0], name) if main else f"{fmu.name} names no file that it was built from"
+
+
+def build_corrected(
+    system: System, instance: str, laws: Sequence[ModelOfLaw], folder: Path
+) -> tuple[str, str]:
+    """Write the corrected component of an instance and build its FMU, `<name of its FMU>_corrected.fmu`.
+
+    Returns: the file's name, and why that failed; else "".
+    """
+    fmu = system.instances[system.position[instance]].fmu
+    if not isinstance(fmu, CompiledFmu):
+        return "", "its component is no FMU. Add the law to that equation of the model."
+    source = source_of(fmu.path)
+    if isinstance(source, str):
+        return "", f"{source}. Add the law to that equation of the model."
+    name = f"{fmu.path.stem}_corrected"
+    model = folder / f"{name}.mo"
+    try:
+        text = _changed(show_model(source[0], "flat", model=source[1]), name, laws)
+        if not text:
+            return "", f"the flat form of {source[0].name} has no such derivative."
+        write_text(model, text)
+        version: Any = fmu.description.fmi_version
+        build(model, folder / f"{name}.fmu", model=name, platforms=[this_platform()], fmi_version=version)
+    except (OrchestratorError, ImportError) as error:
+        return "", f"the FMU of {model.name} could not be built: {str(error).splitlines()[0]}"
+    return f"{name}.fmu", ""
+
+
+def _changed(text: str, name: str, laws: Sequence[ModelOfLaw]) -> str:
+    """The flat model with laws, under another name; empty if it has no such derivative."""
+    heads = list(_HEAD.finditer(text))
+    if not heads:
+        return ""
+    head = heads[-1]
+    before, body = text[: head.start()], text[head.end() :]
+    declared, equations = "", ""
+    for law in laws:
+        derivative = f"der({_spelled(law.state)})"
+        if derivative not in body:
+            return ""
+        one = f"added_by_{law.name}"
+        body = body.replace(derivative, f"({derivative} - {one}.y)")
+        declared += f"  {law.name} {one};\n"
+        equations += "".join(f"  {one}.{port} = {_spelled(read)};\n" for port, read in law.reads.items())
+        before += law.text + "\n"
+    body = re.sub(
+        rf"^end {re.escape(head[1])};", f"equation\n{equations}end {name};", body, flags=re.MULTILINE
+    )
+    return f"{before}{head[0].replace(head[1], name, 1)}{declared}{body}"
+
+
+def _spelled(name: str) -> str:
+    """A variable's name as flat models have it."""
+    return name if re.fullmatch(r"[A-Za-z_]\w*(\[[\d, ]+\])?", name) else f"'{name}'"
+
+
+def _digest(name: str, file: Path) -> str:
+    return str(sources_of({name: file.read_bytes()}, ())["sources"][name])
