@@ -27,6 +27,7 @@ __all__ = ["overloads", "with_calls"]
 _RECORD = re.compile(r"\boperator\s+record\b")
 _INDEX = "adapted_index"
 _MAKER = "adapted_record"
+_SUM = "adapted_sum"
 _COUNTED = re.compile(r"for (\w+) in 1 : ([^,]+)")
 _LEVELS = (
     ("or",), ("and",), ("<", "<=", ">", ">=", "==", "<>"), ("+", "-", ".+", ".-"), ("*", "/", ".*", "./"),
@@ -159,7 +160,20 @@ class _Overloaded(TypedClasses):
             f"encapsulated function {_MAKER} import {one.name}; input {own} other_; {inputs} "
             f"output {own} record_; algorithm {values} end {_MAKER};"
         )
+        if functions := self.sum_functions(one.name):
+            zero, plus = (f"{own}{function.name.removeprefix(one.name)}" for function in functions)
+            made.append(
+                f"encapsulated function {_SUM} import {one.name}; input {own} others_[:]; "
+                f"output {own} record_; algorithm record_ := {zero}(); "
+                f"for index_ in 1:size(others_, 1) loop "
+                f"record_ := {plus}(record_, others_[index_]); end for; end {_SUM};"
+            )
         yield tokens[one.body].start, tokens[one.body].start, " ".join([*made, ""])
+
+    def sum_functions(self, record: str) -> list[DeclaredClass]:
+        """The functions that make sums of a record: its zero and its addition; none where it has none."""
+        zero, plus = (self.operators(f".{record}", name) for name in "0+")
+        return [*zero, *plus] if len(zero) == len(plus) == 1 else []
 
     def _unit(self, path: Sequence[str], one: DeclaredClass) -> str:
         """The unit that a type declares, as text; "" without one."""
@@ -735,9 +749,12 @@ class _Body:
                 makers = self.known.operators(values[0].kind, "String")
                 if len(makers) == 1:
                     return replace(self._call(makers[0], values, names), kind="String")
+            vector = len(values) == 1 and len(values[0].sizes) == 1 and not over
+            if last == "sum" and records and vector and self.known.sum_functions(values[0].kind[1:]):
+                return _Value(f"{self._path(values[0].kind)}.{_SUM}({texts[0]})", values[0].kind)
             if last in ("sum", "product") and records:
                 what = f"`{last}` of {values[0].kind[1:]}"
-                raise self._error(begin, what, "add the elements by the operator")
+                raise self._error(begin, what, "write it with the operator")
             if last in ("sum", "product"):
                 return _Value(text, "Real" if values and values[0].kind in ("Real", "Integer") else "")
             return _Value(text, "Integer" if last == "Integer" else "String" if last == "String" else "")
@@ -745,7 +762,12 @@ class _Body:
             return self._constructed(begin, found[0], values, names, text)
         if found[1] is None or found[1].kind != "function":
             return _Value(text, "other" if found[1] is not None else "")
-        if len(path) == 1 and (name in _REALS or name in _OTHERS):  # the compiler would take the built-in one
+        if len(path) == 1 and name in {
+            *_REALS,
+            *_OTHERS,
+            "sum",
+            "product",
+        }:  # the compiler would take the built-in one
             scope = found[1].name.rpartition(".")[0]
             text = f"{self._path(f'.{scope}')}.{text}"
             name = text.partition("(")[0]

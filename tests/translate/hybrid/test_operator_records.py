@@ -214,21 +214,25 @@ def test_arrays_are_taken_element_by_element(tmp_path):
     found = values(
         tmp_path,
         """    parameter Integer n = 3;
-    Complex u[n], v[n], w[n] = {u[k]*u[k] for k in 1:n}, x[3], y[3], z[2] = {j, 2*j};""",
+    Complex u[n], v[n], w[n] = {u[k]*u[k] for k in 1:n}, x[3], y[3], z[2] = {j, 2*j}, total, q[3];
+    Real parts[3] = v.re;""",
         """    for k in 1:n loop
       u[k] = k*exp(j*time) + (if k > 1 then j else -j);
     end for;
     v = 2*u - w/j;
     x = if time > 1 then u else -v;
-    y = conj(u + {j, j, 2*j});""",
-        "u[2]", "v[3]", "w[1]", "x[2]", "y[3]", "z[2]",
+    y = conj(u + {j, j, 2*j});
+    q = {k*j for k in 1:n} + u;
+    total = sum(u)/2 - sum(q) + sum(parts);""",
+        "u[2]", "v[3]", "w[1]", "x[2]", "y[3]", "z[2]", "q[3]", "total",
     )  # fmt: skip
     t = found["t"]
     u = [k * np.exp(1j * t) + (1j if k > 1 else -1j) for k in (1, 2, 3)]
     v = [2 * one - one**2 / 1j for one in u]
     expected = {
         "u[2]": u[1], "v[3]": v[2], "w[1]": u[0] ** 2, "x[2]": np.where(t > 1, u[1], -v[1]),
-        "y[3]": np.conj(u[2] + 2j), "z[2]": 2j + 0 * t,
+        "y[3]": np.conj(u[2] + 2j), "z[2]": 2j + 0 * t, "q[3]": 3j + u[2],
+        "total": -sum(u) / 2 - 6j + sum(v).real,
     }  # fmt: skip
     for name, value in expected.items():
         assert np.abs(found[name] - value).max() < 1e-12, name
@@ -265,7 +269,7 @@ REFUSED = {
     'Complex a = j + "i";': r"`\+` of P.Complex and String, for which no operator of P.Complex could stand",
     "Complex a = Complex(1, 2, 3);": r"P.Complex\(\) with 3 arguments of these types is not supported; give",
     "Complex z[2] = {j, j}, a = z*z;": r"`\*` of these arrays is not supported; write it for their elements",
-    "Complex z[2] = {j, j}, a = sum(z);": r"`sum` of P.Complex is not supported; add the elements",
+    "Complex z[2] = {j, j}, a = product(z);": r"`product` of P.Complex is not supported; write it",
     "Complex a; equation when time > 1 then a = j*j; end when;": r"a when-equation of P.Complex .* algorithm",
 }
 
