@@ -15,6 +15,7 @@ from orchestrator.base.digests import digest_of
 from ..classes import within_clause
 from ..lexer import Token, closing, tokenise
 from ..modifiers import DOTTED, arguments, in_brackets
+from ..source_edits import path_end, statement_end
 
 Sections = dict[str, "Section"]
 Objects = Mapping[str, Sequence[tuple[str, str, str]]]
@@ -43,6 +44,7 @@ _OBJECT = re.compile(
     r"\b(?:class|type|model)\s+(\w+)(?:\s*\"(?:[^\"\\]|\\.)*\")*\s*extends\s+ExternalObject\s*;"
 )
 
+_PLAIN = frozenset("abs sqrt sin cos tan exp log max min sum mod integer".split())
 _IMPORT = re.compile(r"\bimport\s+(?:\w+\s*=\s*)?([\w.]+)\s*;")
 _INPUT = re.compile(r"\binput\s+([\w.]+)\s+(\w+)\s*(\[[^\]]*\])?")
 
@@ -126,6 +128,7 @@ def adapted(
         ),
         (bool(DOTTED.search(text)), _dotted),
         (bool(re.search(r"\bder\s*\(\s*(?![\w.\[\]]*\s*\))", text)), _derivatives),
+        (bool(re.search(r"=[^;=]*\([^;]*\bfor\b", text)), _reductions),
         (any(one in text for one in objects or ()), lambda *all_of: _objects(*all_of, objects or {})),
         (bool(re.search(r"\bderivative\s*[=(]", text)), _annotated),
         (
@@ -278,6 +281,72 @@ def _is_reference(tokens: Sequence[Token]) -> bool:
         if not depth and one.kind != "name" and one.text not in (".", "]"):
             return False
     return True
+
+
+# Calls in reductions
+
+
+def _reductions(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Iterator[_Edit]:
+    """Real x = sum({f(k) for k in 1:n}) -> Real x; equation x = ...: else the compiler takes no k."""
+    for one in _all(classes):
+        own = list(_own(one)) if one.kind in ("model", "block") else []
+        moved, begin, declares = list[str](), 0, True
+        while begin < len(own) and declares:
+            first = own[begin]
+            last = statement_end(tokens, first)
+            declares = tokens[first].text not in ("equation", "algorithm", "initial", "annotation")
+            begin = next((n for n, place in enumerate(own) if place > last), len(own))
+            first += tokens[first].text in ("public", "protected")
+            first += tokens[first].text == "output"
+            if declares and tokens[first].kind == "name":
+                name, sign, end = _bound(tokens, first, last)
+                if sign and _reduces(tokens, sign + 1, end):
+                    moved.append(f"{name} = {' '.join(one.text for one in tokens[sign + 1 : end])};")
+                    old = _slice(text, tokens, sign, end - 1)
+                    yield _Edit(tokens[sign].start, _end_of(tokens[end - 1]), _lines_kept(old, ""))
+        if moved:
+            section = ("equation", "algorithm", "initial", "annotation")
+            places = [
+                at
+                for at in own
+                if tokens[at].text in section and (tokens[at - 1].text == ";" or at == own[0])
+            ]
+            at = places[0] if places else one.end
+            yield _Edit(tokens[at].start, tokens[at].start, f"equation {' '.join(moved)} ")
+
+
+def _bound(tokens: Sequence[Token], at: int, last: int) -> tuple[str, int, int]:
+    """The only component of a clause: its name, the place of its `=` and the end of its value, or 0."""
+    behind = path_end(tokens, at)
+    at = closing(tokens, behind) + 1 if tokens[behind].text == "[" else behind
+    name = tokens[at].text
+    while at < last and tokens[at].text not in ("=", ","):
+        at = closing(tokens, at) + 1 if tokens[at].text in ("(", "[", "{") else at + 1
+    end = at
+    while end < last and tokens[end].kind != "string" and tokens[end].text not in (",", "annotation"):
+        end = closing(tokens, end) + 1 if tokens[end].text in ("(", "[", "{") else end + 1
+    conditional = tokens[at].text != "=" or tokens[end].text == ","
+    return (name, 0, 0) if conditional else (name, at, end)
+
+
+def _reduces(tokens: Sequence[Token], first: int, end: int) -> bool:
+    """Whether an iterator within a call has functions of the model in what it repeats."""
+    for at in range(first, end):
+        if tokens[at].text != "for":
+            continue
+        opening = max(
+            place
+            for place in range(first, at)
+            if tokens[place].text in ("(", "{") and closing(tokens, place) > at
+        )
+        within = tokens[opening].text == "(" or opening > first
+        calls = [
+            tokens[place].text for place in range(opening + 1, at)
+            if tokens[place].kind == "name" and tokens[place + 1].text == "("
+        ]  # fmt: skip
+        if within and set(calls) - _PLAIN:
+            return True
+    return False
 
 
 # External objects

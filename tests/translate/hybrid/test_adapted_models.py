@@ -851,3 +851,39 @@ end M;
         *[line for line in text.splitlines() if line][4:],
     ]
     assert new.count("\n") == text.count("\n")
+
+
+def test_functions_may_stand_in_reductions_of_declarations(tmp_path):
+    text = """package P
+  function square
+    input Real x;
+    output Real y;
+  algorithm
+    y := x^2;
+  end square;
+  partial block Part
+    parameter Integer n = 3;
+    Real a[n] = {time, 2, 3};
+    output Real x(min = 0) = sum({square(a[k]) for k in 1:n}) "of squares"
+      annotation(Dialog(tab = "a"));
+    Real z = product(square(a[k] + 1) for k in 1:n);
+    annotation(Documentation(info = "text"));
+  end Part;
+  model M
+    extends Part;
+    Real w[2] = {square(a[k]) for k in 1:2};
+  protected
+    Real v = 1 + 2*max({square(k - a[1]) for k in 1:n});
+    Real q(start = 0, fixed = true);
+    output Real u = v;
+  equation
+    der(q) = x;
+  end M;
+end P;
+"""
+    found = run(made(tmp_path, text, model="P.M"), 1.0, 0.125, "x", "z", "w[1]", "u")
+    t = found["time"]
+    assert np.abs(found["x"] - (t**2 + 13)).max() < 1e-12
+    assert np.abs(found["z"] - 144 * (t + 1) ** 2).max() < 1e-11
+    assert np.abs(found["w[1]"] - t**2).max() < 1e-12
+    assert np.abs(found["u"] - (1 + 2 * np.maximum((1 - t) ** 2, (3 - t) ** 2))).max() < 1e-12
