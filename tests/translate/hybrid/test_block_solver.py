@@ -91,3 +91,26 @@ end M;
     w = np.exp(-found["time"])
     assert found["w"] == pytest.approx(w, abs=1e-7)
     assert found["v"] == pytest.approx(2 * np.sin(found["time"]) - w, abs=1e-7)
+
+
+def test_a_solution_that_ends_with_the_state_is_followed_by_another(tmp_path):
+    """An amplifier with limits and positive feedback charges a capacitor either way, without events."""
+    fmu = made(tmp_path, f"""
+model M
+  output Real x(start=0, fixed=true), y(start=1), u(start=1);
+  {EVENT}
+  u = 0.5*y - x;
+  y = noEvent(if 15000*u > 1 then 1 else if 15000*u < -1 then -1 else 15000*u);
+  der(x) = y - x;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 5.5, 0.37, "x", "y")
+    border = 0.5 - 1 / 15000
+    first, half = -np.log(1 - border), np.log((1 + border) / (1 - border))
+    for time, x, y in zip(found["time"], found["x"], found["y"], strict=True):
+        turns = max(0, int(np.floor((time - first) / half)) + 1)
+        sign = 1 if turns % 2 == 0 else -1
+        since = time - first - (turns - 1) * half if turns else time
+        begin = -sign * border if turns else 0.0
+        assert y == sign
+        assert x == pytest.approx(sign + (begin - sign) * np.exp(-since), abs=1e-6)

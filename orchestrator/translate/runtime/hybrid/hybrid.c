@@ -1013,6 +1013,7 @@ static int advance(Work *w, double t, double end)
 {
     const HybridInfo *i = &hybrid_info;
     double *z = w->h.z, size = z[i->size_slot], last_event = -INFINITY, end_of_solution = -INFINITY;
+    double beyond = 0, furthest = 1e-8 * (end - t);
     int n = i->n_states, status, events = 0;
     if ((status = settle(w))) return status;
     if (!(size > 0)) size = 1e-3 * (end - t);
@@ -1024,10 +1025,12 @@ static int advance(Work *w, double t, double end)
         for (int k = 0; k < n; k++) w->x[k] = z[i->state_slots[k]];
         if (stop > t) {
             int refused = 0, ended;
-            status = slopes(w, t, w->x, w->f);
-            if (status) return status;
-            keep_unknowns(w, 0);
-            if (n && (status = differentiate(w, t, 1)) / 1000000 == BLOCK) {
+            status = slopes(w, t, w->x, w->ft);
+            ended = status / 1000000 == BLOCK; /* the last step came to where the solution ends */
+            if (status && !ended) return status;
+            if (!ended) memcpy(w->f, w->ft, (size_t)n * sizeof(double));
+            keep_unknowns(w, ended);
+            if (!ended && n && (status = differentiate(w, t, 1)) / 1000000 == BLOCK) {
                 keep_unknowns(w, 1); /* beyond here the solution may end */
                 status = differentiate(w, t, -1);
             }
@@ -1040,12 +1043,14 @@ static int advance(Work *w, double t, double end)
                 whole = !(h > 1.0001 * size);
                 if (!whole) h = h < 2 * size ? 0.5 * h : size;
                 if (ended || h <= 4 * DBL_EPSILON * fabs(t) || tries++ > 200) {
-                    if (status / 1000000 != BLOCK || t < end_of_solution + 1e-9 * (end - t))
-                        return status ? status : OUTCOME(STEP_SIZE, 0);
-                    /* A solution ends here: an event has to find another. */
+                    if (status / 1000000 != BLOCK) return status ? status : OUTCOME(STEP_SIZE, 0);
+                    /* A solution ends here: an event has to find another. Where it finds the same one, since the
+                     * end is known to rounding alone, it tries again later. */
+                    beyond = t < end_of_solution + furthest ? 64 * beyond : 16 * DBL_EPSILON * fabs(t);
+                    if (beyond > furthest) return status;
                     end_of_solution = t;
-                    t = fmin(stop, t + 16 * DBL_EPSILON * fabs(t));
-                    memcpy(w->xn, w->x, (size_t)n * sizeof(double));
+                    t = fmin(stop, t + beyond);
+                    for (int k = 0; k < n; k++) w->xn[k] = w->x[k] + beyond * w->f[k];
                     size = 1e-3 * (end - t);
                     event = 1;
                     break;
@@ -1076,8 +1081,9 @@ static int advance(Work *w, double t, double end)
                 if ((status = project(w, t, w->x))) return status;
             }
             if ((status = slopes(w, t, w->x, w->f))) {
-                /* In the modes of before there is no solution any more. */
-                if (!event) return status;
+                /* The solution of before has ended: an event has to find another. */
+                if (!event && status / 1000000 != BLOCK) return status;
+                event = 1;
             }
         }
         if (event) {
