@@ -106,11 +106,11 @@ def main(folders: list[str]) -> None:
     for name, some, alone in zip(folders, every, laws, strict=True):
         errors = [
             calibration_error([one.stated for one in part], [one.right for one in part])
-            for part in (some, alone)
+            for part in (some, [one for one in some if not one.kind.startswith("outside")], alone)
         ]
         after = calibration_error([tempered(one, *found) for one in alone], [one.right for one in alone])
-        print(f"{name}: error {errors[0]:.3f} of {len(some)} verdicts; of {len(alone)} laws {errors[1]:.3f}, "
-              f"{after:.3f} with these numbers")  # fmt: skip
+        print(f"{name}: error {errors[0]:.3f} of {len(some)} verdicts, {errors[1]:.3f} but for outside; "
+              f"of {len(alone)} laws {errors[2]:.3f}, {after:.3f} with these numbers")  # fmt: skip
     counts: dict[tuple[str, str], list[bool]] = defaultdict(list)
     for one in (one for some in every for one in some):
         counts[one.kind, f"{10 * int(10 * min(one.stated, 0.99)):3} %"].append(one.right)
