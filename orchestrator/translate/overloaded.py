@@ -14,11 +14,12 @@ from pathlib import Path
 
 from orchestrator.base.errors import BuildError, listed
 
+from .classes import find_classes, used_classes
 from .component_arrays import dimensions
-from .declared_classes import DeclaredClass, own_tokens
+from .declared_classes import KINDS, DeclaredClass, own_tokens
 from .lexer import Token, closing
 from .modifiers import arguments
-from .source_edits import edited, path_of, statement_end, text_end, words_of
+from .source_edits import edited, path_end, path_of, statement_end, text_end, words_of
 from .sources import location
 from .typed_classes import BUILT_IN, TypedClasses, binding, is_overloading
 
@@ -33,6 +34,7 @@ _LEVELS = (
     ("or",), ("and",), ("<", "<=", ">", ">=", "==", "<>"), ("+", "-", ".+", ".-"), ("*", "/", ".*", "./"),
     ("^", ".^"),
 )  # fmt: skip
+_ENDS = frozenset((";", ",", ")", "then", "loop", "annotation", "if", "constrainedby"))
 _TRUTHS = frozenset(("or", "and", *_LEVELS[2]))
 _REALS = frozenset(
     "abs sqrt exp log log10 sin cos tan asin acos atan atan2 sinh cosh tanh sign mod rem div max min floor "
@@ -80,30 +82,35 @@ def overloads(texts: dict[str, str], libraries: Sequence[Path]) -> bool:
     )
 
 
-def with_calls(texts: dict[str, str], label: str, libraries: Sequence[Path], strict: bool) -> dict[str, str]:
+def with_calls(
+    texts: dict[str, str], label: str, libraries: Sequence[Path], model: str = ""
+) -> dict[str, str]:
     """The sources with calls in place of overloaded operators; lines stay where they are.
 
     Args:
         label: of their folder, for messages. libraries: folders with those that they use.
-        strict: whether to refuse what has no meaning; else it stays.
+        model: qualified name of what is built; what has no meaning is refused in classes that it uses, and
+            stays elsewhere.
     Raises: BuildError.
     """
+    classes = find_classes(texts, label) if model else {}
+    strict = frozenset(one.name for one in used_classes(classes, model)) if model in classes else frozenset()
     return _Overloaded(texts, label, libraries).lowered(strict)
 
 
 class _Overloaded(TypedClasses):
     """The classes, whose text changes."""
 
-    def lowered(self, strict: bool) -> dict[str, str]:
+    def lowered(self, strict: frozenset[str]) -> dict[str, str]:
         edits: dict[str, list[tuple[int, int, str]]] = {}
         names = self._carriers()
         for one in [*self._all()]:
             found = edits.setdefault(one.file, [])
+            concerned = self._libraries or any(one.tokens[at].text in names for at in _all_tokens(one))
             if is_overloading(one):
                 found += self._record_edits(one)
-            concerned = self._libraries or any(one.tokens[at].text in names for at in own_tokens(one))
-            if one.short is None and concerned:
-                found += [*_output_edits(self, one), *_Body(self, one, strict).edits()]
+            if concerned and not (one.short is not None and is_overloading(one)):
+                found += [*_output_edits(self, one), *_Body(self, one, one.name in strict).edits()]
         return {file: edited(text, edits.get(file, ())) for file, text in self._texts.items()}
 
     def _carriers(self) -> set[str]:
@@ -208,6 +215,9 @@ class _Body:
         return self._tokens[self.at].text
 
     def edits(self) -> Iterator[tuple[int, int, str]]:
+        if self.one.short is not None:
+            yield from self._modified(self.one.short.opening) if self.one.short.opening >= 0 else ()
+            return
         inside = {part.first: part.end for part in self.one.parts}
         for part in self.one.parts:
             for at, opening in part.names:
@@ -215,7 +225,7 @@ class _Body:
                     yield from self._modified(opening)
                 if (value := binding(self.one, part, at)) >= 0:
                     yield from self._expression(value)
-            if part.kind == "extends" and part.opening >= 0:
+            if part.opening >= 0:
                 yield from self._modified(part.opening)
         at = self.one.body
         while at < self.one.end:
@@ -235,7 +245,13 @@ class _Body:
             if tokens[at].text == "(":
                 yield from self._modified(at)
                 at = closing(tokens, at) + 1
-            if at < last and tokens[at].text == "=" and "redeclare" != tokens[first].text:
+            if at >= last or tokens[at].text != "=":
+                continue
+            behind = path_end(tokens, at + 1)
+            if not KINDS.isdisjoint(token.text for token in tokens[first:at]):
+                if tokens[behind].text == "(":  # of a class
+                    yield from self._modified(behind)
+            else:
                 yield from self._expression(at + 1)
 
     def _statement(self, at: int) -> Iterator[tuple[int, int, str]]:
@@ -265,23 +281,41 @@ class _Body:
             self.at = statement_end(tokens, at) + 1
 
     def _equation(self, begin: int) -> Iterator[tuple[int, int, str]]:
-        try:
-            self.at, self.rewritten = begin, False
+        def read() -> str:
             left = self._or()
             sign = self._word()
             if sign not in ("=", ":="):
-                text = left.text
-            else:
-                self.at += 1
-                right = self._choice()
-                text = self._equal(begin, left, right, sign)
+                return left.text
+            self.at += 1
+            return self._equal(begin, left, self._choice(), sign)
+
+        yield from self._rewritten(begin, read)
+
+    def _rewritten(self, begin: int, read: Callable[[], str]) -> Iterator[tuple[int, int, str]]:
+        """What is read from a token on, if records with operators are in it."""
+        self.at, self.rewritten = begin, False
+        try:
+            text = read()
+            if self._word() not in _ENDS and self._tokens[self.at].kind != "string":
+                raise _NotRead
         except _NotRead:
-            return
+            self._refuse_constructors(begin)
         except BuildError:
             if self.strict:
                 raise
-            return
-        yield from self._changed(begin, self.at, text)
+        else:
+            if self.rewritten:
+                yield self._tokens[begin].start, text_end(self._tokens[self.at - 1]), text
+
+    def _refuse_constructors(self, begin: int) -> None:
+        """Refuse calls of constructors in what is not read: the compiler would take others."""
+        tokens = self._tokens
+        for at in range(begin, statement_end(tokens, begin) if self.strict else begin):
+            behind = path_end(tokens, at)
+            if behind > at and tokens[at - 1].text != "." and tokens[behind].text == "(":
+                kind = self.known.kind(path_of(tokens, at, behind), self.one.name)[0]
+                if kind.startswith("."):
+                    raise self._error(at, f"{kind[1:]}() in this expression", "give its value a variable")
 
     def _equal(self, begin: int, left: _Value, right: _Value, sign: str) -> str:
         sides = (left, right)
@@ -331,21 +365,8 @@ class _Body:
         place = location(self.known._label + one.file, one.text, one.tokens[at].start)
         return BuildError(f"{place}: {what} is not supported; {remedy}")
 
-    def _changed(self, begin: int, end: int, text: str) -> Iterator[tuple[int, int, str]]:
-        if self.rewritten:
-            yield self._tokens[begin].start, text_end(self._tokens[end - 1]), text
-
     def _expression(self, begin: int) -> Iterator[tuple[int, int, str]]:
-        try:
-            self.at, self.rewritten = begin, False
-            value = self._choice()
-        except _NotRead:
-            return
-        except BuildError:
-            if self.strict:
-                raise
-            return
-        yield from self._changed(begin, self.at, value.text)
+        yield from self._rewritten(begin, lambda: self._choice().text)
 
     # Expressions: each method reads one from `at` on, and leaves `at` behind it.
 
@@ -524,12 +545,13 @@ class _Body:
         if token.text == "{":
             return self._array()
         if token.text == "[":
-            begin, self.at = self.at, closing(self._tokens, self.at) + 1
-            return _Value(words_of(self._tokens[begin : self.at]))
+            raise _NotRead
         if token.text in ("der", "initial", "pure") and self._tokens[self.at + 1].text == "(":
             self.at += 1
             values, _ = self._arguments()
             texts = ", ".join(one.text for one in values)
+            if token.text == "der" and values and values[0].is_record:
+                return self._of_each_member("der", values, f"der({texts})")
             sizes = values[0].sizes if values else ()
             return _Value(f"{token.text}({texts})", _OTHERS.get(token.text, "Real"), sizes)
         if token.kind == "name" or token.text == ".":
@@ -837,6 +859,10 @@ def _built_in(sign: str, given: Sequence[_Value]) -> _Value:
     element = f"({joint.join(['', *(f'({one})' for one in elements)][-2:])})"
     plain = all(elements) and len(arrays[0].sizes) == 1
     return _Value(text, kind, arrays[0].sizes, element if plain else "")
+
+
+def _all_tokens(one: DeclaredClass) -> Iterator[int]:
+    return iter(range(one.label, one.end)) if one.short is not None else own_tokens(one)
 
 
 def _fits(kind: str, wanted: str) -> bool:

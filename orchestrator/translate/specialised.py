@@ -53,7 +53,7 @@ def _texts(
 ) -> dict[str, str]:
     texts = dict(items)
     if overloads(texts, libraries):
-        texts = with_calls(texts, label, libraries, bool(model))
+        texts = with_calls(texts, label, libraries, model)
     if any(_CONCERNED.search(text) for text in texts.values()):
         texts = SpecialisedClasses(texts, label, libraries, copied).specialised_texts()
     if any(_NAMED.search(text) for text in texts.values()):
@@ -75,7 +75,7 @@ def specialised(tree: SourceTree, model: str = "", libraries: Sequence[Path] = (
 def specialised_library(texts: dict[str, str], label: str, library: Path) -> dict[str, str]:
     """As `specialised`, for the files of a library; of a large one only operators: the rest takes minutes."""
     if sum(map(len, texts.values())) > _LARGEST:
-        return with_calls(texts, label, (), False) if overloads(texts, ()) else texts
+        return with_calls(texts, label, ()) if overloads(texts, ()) else texts
     # Its packages stay what constraining types of its classes name.
     return _texts(tuple(texts.items()), label, "", (library,), False)
 

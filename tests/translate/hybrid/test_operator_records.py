@@ -263,11 +263,61 @@ def test_functions_and_events_with_complex_numbers(tmp_path):
     assert np.abs(found["r"] - np.where(after, 1 + 0.5j, 0)).max() < 1e-9
 
 
+def test_the_constructor_of_the_record_is_taken_wherever_it_stands(tmp_path):
+    """That of polar coordinates has as many arguments as the record has members."""
+    text = """package P
+  operator record Polar
+    Real x;
+    Real y;
+    encapsulated operator function 'constructor'
+      import P.Polar;
+      input Real radius;
+      input Real angle;
+      output Polar z(x = radius*cos(angle), y = radius*sin(angle));
+    algorithm
+    end 'constructor';
+  end Polar;
+  model Part
+    parameter Polar z = Polar(1, 0);
+    Real a = z.y*time;
+  end Part;
+  model Shorter = Part(z = Polar(1, 1));
+  model Whole
+    replaceable model Inner = Part;
+    Inner i;
+  end Whole;
+  model Replaceable
+    replaceable Part r constrainedby Part(z = Polar(2, 1.5));
+  end Replaceable;
+  model NotUsed
+    Polar z = Polar(1)*Polar(2);
+  end NotUsed;
+  model M
+    Shorter s;
+    Whole w(redeclare model Inner = Part(z = Polar(1, 2)));
+    Replaceable e;
+    Polar p;
+  equation
+    der(p) = Polar(time, 1);
+  initial equation
+    p = Polar(2, 0.5);
+  end M;
+end P;
+"""
+    found = run(made(tmp_path, text, model="P.M"), 1.0, 0.25, "s.a", "w.i.a", "e.r.a", "p.x", "p.y")
+    t = found["time"]
+    for name, factor in (("s.a", np.sin(1)), ("w.i.a", np.sin(2)), ("e.r.a", 2 * np.sin(1.5))):
+        assert np.abs(found[name] - factor * t).max() < 1e-12, name
+    assert np.abs(found["p.x"] - 2 * np.cos(0.5) - t**2 / 2 * np.cos(1)).max() < 1e-8
+    assert np.abs(found["p.y"] - 2 * np.sin(0.5) - t**2 / 2 * np.sin(1)).max() < 1e-8
+
+
 REFUSED = {
     "unknown.Type y; Complex a = j*y;": r"\d+:\d+: `\*` with `y`, whose type is not found, .* declare",
     "Complex a = j^2;": r"\d:\d+: `\^` of P.Complex and Integer, for which no operator .* an operator '\^'",
     'Complex a = j + "i";': r"`\+` of P.Complex and String, for which no operator of P.Complex could stand",
     "Complex a = Complex(1, 2, 3);": r"P.Complex\(\) with 3 arguments of these types is not supported; give",
+    "Complex z[2, 1] = [Complex(1); j];": r"P.Complex\(\) in this expression is not supported; give its",
     "Complex z[2] = {j, j}, a = z*z;": r"`\*` of these arrays is not supported; write it for their elements",
     "Complex z[2] = {j, j}, a = product(z);": r"`product` of P.Complex is not supported; write it",
     "Complex a; equation when time > 1 then a = j*j; end when;": r"a when-equation of P.Complex .* algorithm",
