@@ -31,7 +31,18 @@ class BuildReport:
     def __repr__(self) -> str:
         lines = [f"{self.path}: {self.model}, FMI {self.fmi_version} co-simulation"]
         if self.counts:
-            lines.append("  " + ", ".join(f"{number} {what}" for what, number in self.counts.items()))
+            counts = self.counts.items()
+            shown = [_count(number, what) for what, number in counts if number or what in _ALWAYS]
+            lines.append("  " + ", ".join(shown))
         if self.platforms:
             lines.append(f"  binaries: {', '.join(self.platforms)}")
         return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
+
+
+_ALWAYS = ("states", "inputs", "outputs", "parameters")
+
+
+def _count(number: int, what: str) -> str:
+    """A number of things, as "1 block of equations"."""
+    first, *rest = what.replace("and steps", "or step").split() if number == 1 else (what,)
+    return " ".join([str(number), first.removesuffix("s") if number == 1 else first, *rest])

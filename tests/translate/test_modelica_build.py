@@ -403,7 +403,7 @@ def test_command_line(tmp_path, capsys, monkeypatch):
     lines = capsys.readouterr().out.splitlines()
     assert lines[:2] == [
         "ForceSensor.fmu: DockingHIL.ForceSensor, FMI 3.0 co-simulation",
-        "  1 states, 1 inputs, 1 outputs, 3 parameters, 1 delays, 0 relations",
+        "  1 state, 1 input, 1 output, 3 parameters, 1 delay",
     ]
     assert lines[2].startswith("  checked at 40 random points, largest relative residual ")
     assert fmpy.read_model_description("ForceSensor.fmu").fmiVersion == "3.0"
