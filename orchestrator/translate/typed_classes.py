@@ -151,6 +151,11 @@ class TypedClasses(DeclaredClasses):
                 output = kind, sizes
         return inputs, output
 
+    def sum_functions(self, record: str) -> list[DeclaredClass]:
+        """The functions that make sums of a record: its zero and its addition; none where it has none."""
+        zero, plus = (self.operators(f".{record}", name) for name in "0+")
+        return [*zero, *plus] if len(zero) == len(plus) == 1 else []
+
 
 def is_overloading(one: DeclaredClass) -> bool:
     """Whether a class is an operator record."""

@@ -16,7 +16,7 @@ from orchestrator.base.digests import digest_of, file_digest
 from orchestrator.base.errors import BuildError
 from orchestrator.base.temporary_folders import cache_folder, keep_last_used
 
-from .. import overloaded, typed_classes
+from .. import operator_calls, operator_expressions, operator_values, overloaded, typed_classes
 from .. import specialised as classes
 from ..compiler import TIME_LIMIT, compile_model
 from ..complaints import CompilerRefusal, explained
@@ -112,7 +112,10 @@ def flat_form(
 # The compiler's last answers: a check asks for several forms of one model.
 _answers: dict[tuple[object, ...], tuple[dict[str, Any], Spans]] = {}
 _MOST_ANSWERS = 4
-_REWRITERS = (rules, classes, overloaded, typed_classes)  # of libraries: a copy is of their version
+# Modules that rewrite libraries: a copy is of their version.
+_REWRITERS = (
+    rules, classes, overloaded, typed_classes, operator_values, operator_calls, operator_expressions,
+)  # fmt: skip
 _MOST_COPIES = 4  # of libraries, each of some 26 MB
 _TRANSACTIONS = "model_event_transactions"  # algorithms whose statements depend on each other at an event
 _SECTIONS = "sections.json"  # of the copy of a library
