@@ -1,8 +1,8 @@
 /* Solver of models with events, equation blocks and constraints, behind stepmodel.h.
  *
- * Between events the states are integrated by RODAS (Hairer and Wanner, Solving Ordinary Differential
- * Equations II, section IV.7): order 4 with error control, L-stable, so that stiff models need no other
- * method. Events are where a held relation changes; they are located by bisection. At an event, conditions,
+ * Between events the states are integrated with error control, by explicit steps of order 5 as long as the
+ * model is not stiff, else by RODAS (Hairer and Wanner, Solving Ordinary Differential Equations II, sections
+ * IV.2 and IV.7), which is of order 4 and L-stable. Events are where a held relation changes; they are located by bisection. At an event, conditions,
  * discrete variables and reinit are repeated until nothing changes.
  */
 #include <float.h>
@@ -20,6 +20,12 @@ enum { FINE, BLOCK, STEP_SIZE, MODES, CHATTERING, DISCRETES, ACTION, MEMORY, CON
 
 static const double TOLERANCE = 1e-9;    /* relative, per internal step */
 static const double SOLVED = 1e-12;      /* relative change of an unknown in the last iteration */
+static const double FINER = 0.1;         /* tolerance of explicit steps, whose errors add up more, over the other */
+/* Largest eigenvalue times the step, above which no explicit step follows a solution as exactly as this. */
+static const double FAST = 1.5;
+static const int SIGNS = 8;              /* of stiffness, after which steps are implicit */
+static const int OTHERS = 6;             /* steps in a row after which they count no longer */
+static const int CALM = 20;              /* implicit steps without them, after which steps are explicit */
 static const int MOST_ITERATIONS = 60;
 static const int MOST_ROUNDS = 100;      /* of an event */
 static const int MOST_FLIPS = 600;       /* rounds until the modes are consistent */
@@ -41,6 +47,9 @@ typedef struct {
     int may_jump; /* unknowns of equation blocks, as at an event */
     int has_kept; /* such unknowns from before */
     int pending; /* outcome of an action at an event, to be reported after it */
+    int stiff;   /* whether steps are implicit */
+    int signs;   /* steps that suit the other kind better */
+    int others;  /* steps in a row that do not */
 } Work;
 
 static double *part(double *block, size_t *used, size_t n)
@@ -811,6 +820,82 @@ static int rodas(Work *w, double t, double h, double *error)
     return isfinite(*error) ? 0 : OUTCOME(STEP_SIZE, 0);
 }
 
+/* Formula of order 5 by Dormand and Prince, J. Comput. Appl. Math. 6 (1980), and its error. */
+static const double EXPLICIT_AT[6] = {1.0 / 5, 3.0 / 10, 4.0 / 5, 8.0 / 9, 1, 1};
+static const double EXPLICIT[6][6] = {
+    {1.0 / 5},
+    {3.0 / 40, 9.0 / 40},
+    {44.0 / 45, -56.0 / 15, 32.0 / 9},
+    {19372.0 / 6561, -25360.0 / 2187, 64448.0 / 6561, -212.0 / 729},
+    {9017.0 / 3168, -355.0 / 33, 46732.0 / 5247, 49.0 / 176, -5103.0 / 18656},
+    {35.0 / 384, 0, 500.0 / 1113, 125.0 / 192, -2187.0 / 6784, 11.0 / 84},
+};
+static const double EXPLICIT_ERROR[7] = {
+    71.0 / 57600, 0, -71.0 / 16695, 71.0 / 1920, -17253.0 / 339200, 22.0 / 525, -1.0 / 40,
+};
+
+/* As rodas, without Jacobian; the dense output is the cubic through both ends and their slopes. `rate`: the
+ * largest eigenvalue times h, as the last two stages show it. */
+static int explicit_step(Work *w, double t, double h, double *error, double *rate)
+{
+    const HybridInfo *info = &hybrid_info;
+    int n = info->n_states, status;
+    double apart = 0, faster = 0;
+    for (int s = 0; s < 6; s++) {
+        memcpy(w->b, w->xn, (size_t)n * sizeof(double)); /* of the stage before */
+        for (int k = 0; k < n; k++) {
+            double by = EXPLICIT[s][0] * w->f[k];
+            for (int o = 1; o <= s; o++) by += EXPLICIT[s][o] * w->k[o - 1][k];
+            w->xn[k] = w->x[k] + h * by;
+        }
+        if ((status = slopes(w, t + EXPLICIT_AT[s] * h, w->xn, w->k[s]))) return status;
+    }
+    *error = 0;
+    for (int k = 0; k < n; k++) {
+        double scale = FINER * TOLERANCE * (1e-3 * info->nominals[k] + fmax(fabs(w->x[k]), fabs(w->xn[k])));
+        double one = EXPLICIT_ERROR[0] * w->f[k], along = w->xn[k] - w->x[k];
+        for (int o = 0; o < 6; o++) one += EXPLICIT_ERROR[o + 1] * w->k[o][k];
+        one *= h / scale;
+        *error += one * one / n;
+        w->dense[0][k] = h * w->f[k] - along;
+        w->dense[1][k] = 2 * along - h * (w->f[k] + w->k[5][k]);
+        apart += (w->xn[k] - w->b[k]) * (w->xn[k] - w->b[k]) / (scale * scale);
+        faster += (w->k[5][k] - w->k[4][k]) * (w->k[5][k] - w->k[4][k]) / (scale * scale);
+    }
+    *error = sqrt(*error);
+    *rate = apart > 0 ? h * sqrt(faster / apart) : 0;
+    return isfinite(*error) ? 0 : OUTCOME(STEP_SIZE, 0);
+}
+
+/* A step by the present kind. */
+static int one_step(Work *w, double t, double h, double *error)
+{
+    double rate;
+    return w->stiff ? rodas(w, t, h, error) : explicit_step(w, t, h, error, &rate);
+}
+
+/* Count what speaks for the other kind of step. */
+static void count_sign(Work *w, int sign)
+{
+    w->others = sign ? 0 : w->others + 1;
+    if (sign) w->signs++;
+    if (w->others >= (w->stiff ? 1 : OTHERS)) w->signs = 0;
+}
+
+/* The largest sum of a row of the Jacobian: no eigenvalue is larger. */
+static double fastest(Work *w)
+{
+    const HybridInfo *i = &hybrid_info;
+    int n = i->n_states;
+    double most = 0, *sums = w->spare;
+    memset(sums, 0, (size_t)n * sizeof(double));
+    for (int k = 0; k < n; k++)
+        for (int e = i->column_starts[k]; e < i->column_starts[k + 1]; e++)
+            sums[i->rows[e]] += fabs(w->fx[i->factors ? e : i->rows[e] * n + k]);
+    for (int r = 0; r < n; r++) most = fmax(most, sums[r]);
+    return most;
+}
+
 /* Whether a mode has changed at a share of the step, with states by the dense output. */
 static int changed_at(Work *w, double t, double h, double share)
 {
@@ -849,11 +934,12 @@ static int may_hide(const Work *w, const double *shares, int count, int a)
 static int look(Work *w, double t, double h, double *low, double *high)
 {
     /* Uneven, so that oscillations of no period hide between them. */
-    static const double looks[] = {0, 0.21, 0.47, 0.72, 1};
+    static const double looks[] = {0, 0.09, 0.21, 0.34, 0.47, 0.6, 0.72, 0.87, 1};
     size_t n = (size_t)hybrid_info.n_margins, bytes = n * sizeof(double);
     double shares[MOST_LOOKS + 1];
     int count = 0, event = 0;
-    for (int k = 0; k < 5 && !event; k++) {
+    /* Explicit steps are longer. */
+    for (int k = 0; k < 9 && !event; k += w->stiff ? 2 : 1) {
         shares[count] = looks[k];
         event = changed_at(w, t, h, looks[k]) && k > 0;
         hybrid_margins(&w->h, w->g + (size_t)count++ * n);
@@ -884,7 +970,7 @@ static int changed_after(Work *w, double t, double h, double *end)
 {
     double error;
     if (h <= 0) return 0;
-    if (rodas(w, t, h, &error)) return 1;
+    if (one_step(w, t, h, &error)) return 1;
     *end = h;
     return slopes(w, t + h, w->xn, w->k[1]) || changed_mode(w) >= 0;
 }
@@ -893,7 +979,8 @@ static int changed_after(Work *w, double t, double h, double *end)
 static double until_event(Work *w, double t, double h, int *event)
 {
     double low = 0, high = 1, end = 0;
-    int costly = largest() > 16; /* then a step by RODAS costs much more than a look at its dense output */
+    /* Then a step by RODAS costs much more than a look at its dense output. */
+    int costly = w->stiff && largest() > 16;
     *event = look(w, t, h, &low, &high);
     if (!*event) return h;
     for (int k = 0; k < (costly ? 52 : 12); k++) {
@@ -1016,6 +1103,9 @@ static int advance(Work *w, double t, double end)
     double beyond = 0, furthest = 1e-8 * (end - t);
     int n = i->n_states, status, events = 0;
     if ((status = settle(w))) return status;
+    /* What delays keep is as exact as the dense output, and that of short implicit steps is the better one. */
+    w->stiff = size < 0 || i->n_delays > 0;
+    size = fabs(size);
     if (!(size > 0)) size = 1e-3 * (end - t);
     while (t < end) {
         int planned, event = 0, done = 0, tries = 0;
@@ -1030,14 +1120,14 @@ static int advance(Work *w, double t, double end)
             if (status && !ended) return status;
             if (!ended) memcpy(w->f, w->ft, (size_t)n * sizeof(double));
             keep_unknowns(w, ended);
-            if (!ended && n && (status = differentiate(w, t, 1)) / 1000000 == BLOCK) {
+            if (!ended && n && w->stiff && (status = differentiate(w, t, 1)) / 1000000 == BLOCK) {
                 keep_unknowns(w, 1); /* beyond here the solution may end */
                 status = differentiate(w, t, -1);
             }
             ended = status / 1000000 == BLOCK;
             if (status && !ended) return status;
             while (!done) {
-                double error = 0, factor;
+                double error = 0, factor, rate = 0;
                 int whole;
                 h = stop - t;
                 whole = !(h > 1.0001 * size);
@@ -1055,9 +1145,12 @@ static int advance(Work *w, double t, double end)
                     event = 1;
                     break;
                 }
-                status = n ? rodas(w, t, h, &error) : slopes(w, t + h, w->x, w->k[1]);
-                factor = status ? 0.1 : fmin(5, fmax(0.1, 0.9 * pow(fmax(error, 1e-10), -0.25)));
+                status = !n        ? slopes(w, t + h, w->x, w->k[1])
+                         : w->stiff ? rodas(w, t, h, &error)
+                                    : explicit_step(w, t, h, &error, &rate);
+                factor = status ? 0.1 : fmin(5, fmax(0.1, 0.9 * pow(fmax(error, 1e-10), w->stiff ? -0.25 : -0.2)));
                 if (!n && !status) factor = 5;
+                if (n && !w->stiff && !status) count_sign(w, rate > FAST);
                 if (status || error > 1) {
                     size = h * factor;
                     refused = 1;
@@ -1068,6 +1161,7 @@ static int advance(Work *w, double t, double end)
                 size = whole && factor >= 1 ? fmax(size, h * fmin(factor, refused ? 1 : 5))
                                             : h * fmin(factor, refused ? 1 : 5);
                 status = 0;
+                if (n && w->stiff && !i->n_delays) count_sign(w, size * fastest(w) < 0.5);
                 if (i->n_modes) {
                     h = until_event(w, t, h, &event);
                     whole = whole && !event;
@@ -1076,6 +1170,7 @@ static int advance(Work *w, double t, double end)
                 done = 1;
                 t = whole ? stop : t + h;
             }
+            if (w->signs >= (w->stiff ? CALM : SIGNS)) w->stiff = !w->stiff, w->signs = 0;
             if (n) {
                 memcpy(w->x, w->xn, (size_t)n * sizeof(double));
                 if ((status = project(w, t, w->x))) return status;
@@ -1110,7 +1205,7 @@ static int advance(Work *w, double t, double end)
         if (status) return status;
         if (z[i->use_slot] == USE_EARLY_RETURN && event && t < end) break;
     }
-    z[i->size_slot] = size;
+    z[i->size_slot] = w->stiff ? -size : size;
     w->h.t = z[i->end_slot];
     return report(w, 1);
 }

@@ -67,7 +67,7 @@ typedef struct {
     const int *action_rises;              /* 1: it counts where its condition rises alone */
     const char *const *messages;
     int n_constraints;
-    int done_slot, size_slot;             /* 1 after initialisation; internal step size [s] */
+    int done_slot, size_slot;             /* 1 after initialisation; internal step size [s], < 0: implicit */
     int n_margins;
     const int *mode_margins;              /* [n_modes] margin of a relation; -1 of a step function */
     int use_slot, end_slot;               /* a HybridUse; time that the last step came to [s] */
