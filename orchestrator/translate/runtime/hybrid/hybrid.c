@@ -33,6 +33,7 @@ static const int FOLDED = 20;            /* events in close succession after whi
 static const double EQUAL = 1e-11;       /* sides of a relation that differ by rounding alone */
 static const int STEADY = 60;            /* events in close succession after which rounding makes no more */
 static const int MOST_EVENTS = 300;      /* in close succession */
+enum { STAGES = 6 };
 enum { MOST_LOOKS = 33 };                /* for events within an internal step, beside its beginning */
 
 typedef struct {
@@ -41,6 +42,7 @@ typedef struct {
     double *x, *xn, *f, *fx, *ft, *k[6], *dense[2], *a, *b, *spare; /* of the integration */
     double *j, *lu, *y, *r, *first, *next, *along, *kept, *scales;  /* of blocks */
     double *keep, *g; /* g: [MOST_LOOKS + 1][margins] */
+    double *along_step; /* [STAGES][margins] at the begin and at the stages of a step, by time */
     double *held;     /* [states] 1: reinit has set it, and a projection leaves it */
     int *pivot, *pivot_a;
     int events;  /* in close succession */
@@ -50,6 +52,7 @@ typedef struct {
     int stiff;   /* whether steps are implicit */
     int signs;   /* steps that suit the other kind better */
     int others;  /* steps in a row that do not */
+    int changes; /* whether a mode has changed at a stage of the step */
 } Work;
 
 static double *part(double *block, size_t *used, size_t n)
@@ -110,6 +113,7 @@ static size_t lay_out(Work *w, double *block)
     w->lu = part(block, &used, n * n);
     w->keep = part(block, &used, (size_t)i->n_z + 1);
     w->g = part(block, &used, (MOST_LOOKS + 1) * (size_t)i->n_margins + 1);
+    w->along_step = part(block, &used, STAGES * (size_t)i->n_margins + 1);
     return used;
 }
 
@@ -782,12 +786,22 @@ static const double D[2][5] = {
     {-0.6762803392801253, 6.087714651680015, 16.43084320892478, 24.76722511418386, -6.594389125716872},
 };
 
+/* Keep the margins of a stage, the `number`-th by its time, after its derivatives. */
+static void keep_stage(Work *w, int number)
+{
+    if (!hybrid_info.n_modes) return;
+    hybrid_margins(&w->h, w->along_step + (size_t)number * (size_t)hybrid_info.n_margins);
+    if (changed_mode(w) >= 0) w->changes = 1;
+}
+
 /* One step of RODAS from t, w->x with w->f, w->fx, w->ft; its end in w->xn, its error in tolerances. */
 static int rodas(Work *w, double t, double h, double *error)
 {
     const HybridInfo *info = &hybrid_info;
     int n = info->n_states, status;
+    static const int order[6] = {0, 2, 1, 3, 4, 4};
     double *slope = w->dense[0];
+    w->changes = 0;
     if (!factorise_step(w, 1 / (h * GAMMA))) return OUTCOME(STEP_SIZE, 0);
     for (int s = 0; s < 6; s++) {
         memcpy(w->xn, w->x, (size_t)n * sizeof(double));
@@ -796,6 +810,7 @@ static int rodas(Work *w, double t, double h, double *error)
             for (int o = 0; o < s; o++)
                 for (int k = 0; k < n; k++) w->xn[k] += A[s - 1][o] * w->k[o][k];
             if ((status = slopes(w, t + ALPHA[s] * h, w->xn, slope))) return status;
+            keep_stage(w, order[s]);
         }
         for (int k = 0; k < n; k++) {
             w->b[k] = slope[k] + h * DELTA[s] * w->ft[k];
@@ -841,6 +856,7 @@ static int explicit_step(Work *w, double t, double h, double *error, double *rat
     const HybridInfo *info = &hybrid_info;
     int n = info->n_states, status;
     double apart = 0, faster = 0;
+    w->changes = 0;
     for (int s = 0; s < 6; s++) {
         memcpy(w->b, w->xn, (size_t)n * sizeof(double)); /* of the stage before */
         for (int k = 0; k < n; k++) {
@@ -849,6 +865,7 @@ static int explicit_step(Work *w, double t, double h, double *error, double *rat
             w->xn[k] = w->x[k] + h * by;
         }
         if ((status = slopes(w, t + EXPLICIT_AT[s] * h, w->xn, w->k[s]))) return status;
+        keep_stage(w, s < 5 ? s + 1 : 5);
     }
     *error = 0;
     for (int k = 0; k < n; k++) {
@@ -914,13 +931,13 @@ static double bend(const double *s, const double *g, size_t n)
 }
 
 /* Whether a margin may cross 0 unseen between looks a and a + 1: whether it bends as much as it is large. */
-static int may_hide(const Work *w, const double *shares, int count, int a)
+static int may_hide(const double *margins, const double *shares, int count, int a)
 {
     size_t n = (size_t)hybrid_info.n_margins;
     double width = shares[a + 1] - shares[a];
     if (count < 3) return 1;
     for (size_t k = 0; k < n; k++) {
-        const double *g = w->g + (size_t)a * n + k;
+        const double *g = margins + (size_t)a * n + k;
         double most = 0;
         if (a > 0) most = fabs(bend(shares + a - 1, g - n, n));
         if (a + 2 < count) most = fmax(most, fabs(bend(shares + a, g, n)));
@@ -946,7 +963,7 @@ static int look(Work *w, double t, double h, double *low, double *high)
     }
     for (int a = 0; a + 1 < count;) {
         if (count > MOST_LOOKS || shares[a + 1] - shares[a] < 1.0 / 256 ||
-            !may_hide(w, shares, count, a)) {
+            !may_hide(w->g, shares, count, a)) {
             a++;
             continue;
         }
@@ -965,6 +982,19 @@ static int look(Work *w, double t, double h, double *low, double *high)
     return event;
 }
 
+/* Whether the stages of a step show that no margin comes near 0 within it. */
+static int quiet(Work *w, double t, double h)
+{
+    static const double implicit[] = {0, 0.21, 0.386, 0.63, 1}, explicit[] = {0, 1.0 / 5, 3.0 / 10, 4.0 / 5, 8.0 / 9, 1};
+    int count = w->stiff ? 5 : 6;
+    /* Without states there are no stages, and solutions of equation blocks may end between them. */
+    if (w->changes || !hybrid_info.n_states || hybrid_info.n_blocks) return 0;
+    for (int a = 0; a + 1 < count; a++)
+        if (may_hide(w->along_step, w->stiff ? implicit : explicit, count, a)) return 0;
+    /* The last stage of an explicit step is its end. */
+    return !w->stiff || !(slopes(w, t + h, w->xn, w->k[1]) || changed_mode(w) >= 0);
+}
+
 /* As changed_at, by a step of that length. */
 static int changed_after(Work *w, double t, double h, double *end)
 {
@@ -981,7 +1011,7 @@ static double until_event(Work *w, double t, double h, int *event)
     double low = 0, high = 1, end = 0;
     /* Then a step by RODAS costs much more than a look at its dense output. */
     int costly = w->stiff && largest() > 16;
-    *event = look(w, t, h, &low, &high);
+    *event = !quiet(w, t, h) && look(w, t, h, &low, &high);
     if (!*event) return h;
     for (int k = 0; k < (costly ? 52 : 12); k++) {
         double middle = 0.5 * (low + high);
@@ -1119,6 +1149,7 @@ static int advance(Work *w, double t, double end)
             ended = status / 1000000 == BLOCK; /* the last step came to where the solution ends */
             if (status && !ended) return status;
             if (!ended) memcpy(w->f, w->ft, (size_t)n * sizeof(double));
+            if (!ended) keep_stage(w, 0);
             keep_unknowns(w, ended);
             if (!ended && n && w->stiff && (status = differentiate(w, t, 1)) / 1000000 == BLOCK) {
                 keep_unknowns(w, 1); /* beyond here the solution may end */
