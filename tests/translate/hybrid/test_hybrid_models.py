@@ -743,6 +743,32 @@ end M;
     assert list(found["halves"]) == list(np.floor((times - 0.4523) / 0.5 + 1 + 1e-9))
 
 
+@pytest.mark.parametrize("step", [60.0, 0.5])
+def test_no_tip_of_an_oscillation_hides_within_a_step(tmp_path, step):
+    """Of an oscillation that long explicit steps integrate, and that passes levels for 1 s to 3 ms."""
+    fmu = made(
+        tmp_path,
+        """
+model M
+  Real x(start=0, fixed=true), v(start=1, fixed=true);
+  output Integer n[4](each start=0, each fixed=true);
+  parameter Real level[4] = {0.9, 0.99, 0.999, 0.999999};
+equation
+  der(x) = v;
+  der(v) = -x;
+  for i in 1:4 loop
+    when x > level[i] then
+      n[i] = pre(n[i]) + 1;
+    end when;
+  end for;
+end M;
+""",
+    )
+    found = run(fmu, 60.0, step, *(f"n[{k}]" for k in range(1, 5)))
+    tips = math.floor((60.0 - math.pi / 2) / (2 * math.pi)) + 1
+    assert [int(found[f"n[{k}]"][-1]) for k in range(1, 5)] == [tips] * 4
+
+
 def test_a_tick_is_a_value_that_other_components_see(tmp_path):
     """As blocks of sampled systems have it: the tick is a variable, a port, and part of a condition."""
     fmu = made(tmp_path, """
