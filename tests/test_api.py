@@ -226,7 +226,7 @@ def test_an_fmu_is_built_and_run(tmp_path):
         encoding="utf-8",
     )
     made = orc.build(model, tmp_path / "Decay.fmu")
-    assert str(made).startswith(f"{made.path}: Decay, FMI 2.0 co-simulation\n  1 states")
+    assert str(made).startswith(f"{made.path}: Decay, FMI 2.0 co-simulation\n  1 state, 0 inputs")
     result = orc.run(made.path, set={"run.stop_time": 1.0}, halving=False)
     name = next(one for one in result.names if one.endswith(".x"))
     assert result[name][-1] == pytest.approx(np.exp(-1.0), rel=1e-5)
