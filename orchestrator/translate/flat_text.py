@@ -14,7 +14,7 @@ from .hybrid.sections import hidden_section
 from .lexer import tokenise
 from .sources import DELAY, Spans
 
-__all__ = ["flat_modelica"]
+__all__ = ["flat_modelica", "quoted"]
 
 _SIGNS = {
     "Or": ("or", 1), "And": ("and", 2), "Lt": ("<", 4), "Le": ("<=", 4), "Gt": (">", 4), "Ge": (">=", 4),
@@ -102,7 +102,7 @@ class _Printer:
             full = f"{owner}.{path}" if owner else path
             if tokens[place].kind == "name" and full in self._flat["variables"]:
                 last = tokens[end]
-                edits.append((tokens[place].start, last.start + len(last.text), _quoted(full)))
+                edits.append((tokens[place].start, last.start + len(last.text), quoted(full)))
             place = end + 1
         for start, stop, name in reversed(edits):
             text = text[:start] + name + text[stop:]
@@ -145,7 +145,7 @@ class _Printer:
         modifiers = f"({', '.join(given)})" if given else ""
         binding = f" = {self._text(body['binding'])}" if body.get("binding") else ""
         comment = f' "{body["description"]}"' if isinstance(body.get("description"), str) else ""
-        return f"{' '.join([*words, kind])} {_quoted(name)}{size}{modifiers}{binding}{comment};"
+        return f"{' '.join([*words, kind])} {quoted(name)}{size}{modifiers}{binding}{comment};"
 
     @staticmethod
     def _declares_start(body: Json) -> bool:
@@ -203,9 +203,9 @@ class _Printer:
         ((kind, body),) = json.items()
         match kind:
             case "Assign":
-                return f"{_quoted(body['target'])} = {self._text(body['value'])}"
+                return f"{quoted(body['target'])} = {self._text(body['value'])}"
             case "Reinit":
-                return f"reinit({_quoted(body['state'])}, {self._text(body['value'])})"
+                return f"reinit({quoted(body['state'])}, {self._text(body['value'])})"
             case "Assert" if "condition" in body:
                 return f"assert({self._text(body['condition'])}, {self._text(body['message'])})"
             case "Terminate" if "message" in body:
@@ -253,7 +253,7 @@ class _Printer:
                     parts.append(part["ident"] + (f"[{', '.join(subs)}]" if subs else ""))
                 name = ".".join(parts)
                 plain = "[" in name or self._in_function
-                yield f"{indent}{name if plain else _quoted(name)} := {self._text(body['value'])};"
+                yield f"{indent}{name if plain else quoted(name)} := {self._text(body['value'])};"
             case "For" if "equations" in body:
                 binders = [f"{one['ident']} in {self._text(one['range'])}" for one in body["indices"]]
                 yield f"{indent}for {', '.join(binders)} loop"
@@ -351,7 +351,7 @@ class _Printer:
         kind = owner.rpartition(".")[2]
         if kind in ("StateSelect", "AssertionLevel") or member in self._enumerations.get(kind, ()):
             return f"{kind}.{member}"
-        return name if self._in_function else _quoted(name)
+        return name if self._in_function else quoted(name)
 
     def _subscript(self, json: Json) -> str:
         if "Index" in json:
@@ -368,7 +368,7 @@ def _within(text: str, own: int, level: int) -> str:
     return f"({text})" if own < level else text
 
 
-def _quoted(name: str) -> str:
+def quoted(name: str) -> str:
     """A name as one identifier: that of a component's variable is quoted."""
     return name if re.fullmatch(r"\w+|'.*'", name) else f"'{name}'"
 

@@ -23,7 +23,7 @@ _LEVELS = (
 
 
 class Expressions(OperatorCalls):
-    """Each method reads one expression from `at` on, and leaves `at` behind it.
+    """Each method reads one expression from `at` onwards, and leaves `at` behind it.
 
     Raises: NotRead for what is no such expression; BuildError for what has no meaning.
     """

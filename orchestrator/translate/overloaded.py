@@ -226,7 +226,7 @@ class _Body(Expressions):
         yield from self._rewritten(begin, read)
 
     def _rewritten(self, begin: int, read: Callable[[], str]) -> Iterator[tuple[int, int, str]]:
-        """What is read from a token on, if records with operators are in it."""
+        """What is read from a token onwards, if records with operators are in it."""
         self.at, self.rewritten = begin, False
         try:
             text = read()

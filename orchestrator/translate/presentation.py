@@ -17,10 +17,12 @@ from typing import Any
 
 from orchestrator.base.provenance import versions
 
-__all__ = ["Section", "dress", "sources_of", "text_section"]
+__all__ = ["PROVENANCE", "Section", "dress", "source_digest", "sources_of", "text_section"]
 
 Section = tuple[str, str]
 """A heading and what stands below it, as HTML."""
+PROVENANCE = "extra/orchestrator/provenance.json"
+"""The member of an FMU that says what it was made from and with."""
 
 _GROUPS = (
     ("Inputs", ("input",)),
@@ -64,7 +66,7 @@ def dress(
     }
     if provenance is not None:
         content = {"generationTool": "orchestrator", "modelName": title, **provenance}
-        members["extra/orchestrator/provenance.json"] = (json.dumps(content, indent=2) + "\n").encode()
+        members[PROVENANCE] = (json.dumps(content, indent=2) + "\n").encode()
     return members
 
 
@@ -77,12 +79,12 @@ def sources_of(texts: Mapping[str, bytes], packages: Sequence[str]) -> dict[str,
             in the FMU, and a new version of it that adds the same makes the same FMU.
     """
     return {
-        "sources": {name: _digest(texts[name]) for name in sorted(texts)},
+        "sources": {name: source_digest(texts[name]) for name in sorted(texts)},
         "madeWith": versions(packages),
     }
 
 
-def _digest(text: bytes) -> str:
+def source_digest(text: bytes) -> str:
     """What identifies a source, whatever ends its lines."""
     lines = text.replace(b"\r\n", b"\n")
     return f"sha256:{sha256(lines).hexdigest()}"

@@ -72,10 +72,11 @@ class TypedClasses(DeclaredClasses):
         return found
 
     def kind_of(self, owner: DeclaredClass, part: ClassPart) -> tuple[str, DeclaredClass | None]:
-        """The kind of a component as of `_Value`, and its class."""
+        """The kind of a component, as of an expression's `Value`, and its class."""
         return self.kind(path_of(owner.tokens, *part.path), owner.name)
 
     def kind(self, path: Sequence[str], scope: str) -> tuple[str, DeclaredClass | None]:
+        """The kind that a type's path names within a class, and its class."""
         if len(path) == 1 and path[0] in BUILT_IN:
             return path[0], None
         found = self._resolved(path, scope, {})
@@ -101,6 +102,7 @@ class TypedClasses(DeclaredClasses):
         return None
 
     def own_component(self, one: DeclaredClass, name: str) -> Component | None:
+        """A component of a class or its bases by its name."""
         found = self._declared(one, name)
         if found is None or found[1].kind != "components":
             return None

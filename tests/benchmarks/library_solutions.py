@@ -1,6 +1,6 @@
 """Solutions, by scipy or by hand, of examples of the Modelica Standard Library.
 
-Their reference results are missing or of another version. The equations are written down here anew: nothing
+Their reference results are missing or of another version. The equations are written down here again: nothing
 of the translator is used. The names are those that `modelica_models` gives the models.
 """
 
@@ -90,7 +90,7 @@ def _lightning(times: np.ndarray) -> Signals:
 
 
 def _characteristics(times: np.ndarray) -> Signals:
-    """Integrals of a pulse of 1 for half of each 20 ms, begun anew in each, and what they come to."""
+    """Integrals of a pulse of 1 for half of each 20 ms, begun again in each, and what they come to."""
     t = times % 0.02
     on = np.minimum(t, 0.01)
     turn = 100 * np.pi

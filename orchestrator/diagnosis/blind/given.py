@@ -22,6 +22,7 @@ from ...effects.delay import Delay
 from ...fmi import Causality, Kind, Value
 from ...simulation.run import prepare
 from ...system.connection import Port
+from ..study.config_data import config_data
 from ..study.keys import Logged
 from ..study.player import Inserted, Player
 from ..study.reader import load_port_study
@@ -116,12 +117,7 @@ class Given(ABC):
 
     def write_system(self, folder: Path) -> None:
         """Write system.yaml, with FMUs named from there."""
-        config = self.study.prepared.config
-        data = config.model.to_data()
-        for one in data["instances"].values():
-            if (config.folder / one["fmu"]).is_file():
-                one["fmu"] = str((config.folder / one["fmu"]).resolve())
-        (folder / "system.yaml").write_text(dump(data), encoding="utf-8")
+        (folder / "system.yaml").write_text(dump(config_data(self.study)), encoding="utf-8")
 
 
 @dataclass

@@ -19,13 +19,13 @@ from ...base.errors import OrchestratorError
 from ...fmi import CompiledFmu
 from ...system.system import System
 from ...translate.build import build
+from ...translate.flat_text import quoted
 from ...translate.package import this_platform
-from ...translate.presentation import sources_of
+from ...translate.presentation import PROVENANCE, source_digest
 from ...translate.show import show_model
 
 __all__ = ["ModelOfLaw", "build_corrected", "source_of"]
 
-_PROVENANCE = "extra/orchestrator/provenance.json"
 _HEAD = re.compile(r"^(?:model|block|class) ([\w']+).*\n", re.MULTILINE)
 
 
@@ -50,13 +50,13 @@ def source_of(fmu: Path) -> tuple[Path, str] | str:
     The FMU names its files with their digests. They are looked for beside the FMU and one folder above.
     """
     with ZipFile(fmu) as archive:
-        if _PROVENANCE not in archive.namelist():
+        if PROVENANCE not in archive.namelist():
             return f"{fmu.name} does not say which model it was built from"
-        about = json.loads(archive.read(_PROVENANCE))
+        about = json.loads(archive.read(PROVENANCE))
     name, found = str(about["modelName"]), []
     for file, digest in about.get("sources", {}).items():
         places = (fmu.parent / file, fmu.parent / Path(file).name, fmu.parent.parent / file)
-        same = [one for one in places if one.is_file() and _digest(file, one) == digest]
+        same = [one for one in places if one.is_file() and source_digest(one.read_bytes()) == digest]
         if not same or same[0].suffix != ".mo":
             return f"{file}, from which {fmu.name} was built, is not beside it, or differs"
         found.append(same[0])
@@ -117,8 +117,4 @@ def _changed(text: str, name: str, laws: Sequence[ModelOfLaw]) -> str:
 
 def _spelled(name: str) -> str:
     """A variable's name as flat models have it."""
-    return name if re.fullmatch(r"[A-Za-z_]\w*(\[[\d, ]+\])?", name) else f"'{name}'"
-
-
-def _digest(name: str, file: Path) -> str:
-    return str(sources_of({name: file.read_bytes()}, ())["sources"][name])
+    return name if re.fullmatch(r"\w+\[[\d, ]+\]", name) else quoted(name)

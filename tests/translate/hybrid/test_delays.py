@@ -149,7 +149,7 @@ end M;
     found = run(fmu, 4.5, 0.0501, "load")
 
     def exact(t: float) -> float:
-        # at the load 1.5 of what arrives; the source sends -1/2 of it back each 2 s
+        # at the load 1.5 of what arrives; the voltage source sends -1/2 of it back each 2 s
         return sum(1.5 * (-0.5) ** k * math.sin(230 * max(t - 1 - 2 * k, 0)) for k in range(2))
 
     assert found["load"] == pytest.approx([exact(t) for t in found["time"]], abs=1e-6)
