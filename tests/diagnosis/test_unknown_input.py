@@ -30,9 +30,10 @@ from orchestrator.diagnosis.unknown_input.answer import answer
 from orchestrator.diagnosis.unknown_input.choice import rivals_of
 from orchestrator.diagnosis.unknown_input.corrected import write_corrected
 from orchestrator.diagnosis.unknown_input.diagnose import DiagnosedSystem
+from orchestrator.diagnosis.unknown_input.evaluation import Inserted
 from orchestrator.diagnosis.unknown_input.law_fit import Candidate, Fitted, readable, spread_out, starts_of
 from orchestrator.diagnosis.unknown_input.laws import library
-from orchestrator.diagnosis.unknown_input.model import Inserted, StateModel
+from orchestrator.diagnosis.unknown_input.model import StateModel
 from orchestrator.diagnosis.unknown_input.places import Runs, rank
 from orchestrator.diagnosis.unknown_input.played import LawEffect, PlayedModel
 from orchestrator.diagnosis.unknown_input.polish import Polished, Replays

@@ -28,7 +28,8 @@ from ..study.player import Inserted, Player
 from ..study.reader import load_port_study
 from ..study.replay import player_of
 from ..study.study import Nominal, PortStudy, is_port_study
-from ..unknown_input.model import StateModel, acts_of, evaluate
+from ..unknown_input.evaluation import acts_of, evaluate
+from ..unknown_input.model import StateModel
 from ..unknown_input.played import PlayedModel
 from .cases import RUNS, Draft, driven
 from .plant import Acting, Drive, Integrated, Lost

@@ -16,8 +16,8 @@ from ..study.config_data import config_data, long_form, short_form, with_unit
 from ..study.study import PortStudy
 from .answer import Answer
 from .corrected_component import ModelOfLaw, build_corrected
+from .evaluation import Kinds
 from .law_fit import Candidate
-from .model import Kinds
 
 __all__ = ["write_corrected"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .model import Inserted
+from .evaluation import Inserted
 from .places import Runs
 from .polish import Replays, polished
 

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .evaluation import Inserted, Kinds, Place
 from .laws import Law, dimension, library
-from .model import Inserted, Kinds, Place, StateModel
+from .model import StateModel
 from .places import Ranked, Runs, loglik, smoothed_at
 
 __all__ = ["Candidate", "Fitted", "fit", "readable", "screened", "spread_out", "starts_of"]
@@ -189,14 +190,14 @@ def screened(
         smoothed = smoothed_at(runs, ranked, laws, priors)
         if len(smoothed) < 1:
             continue
-        pieces = []
+        pieces: list[tuple[Any, ...]] = []
         settled = model.study.settled
-        for one in smoothed:
-            stride = max(1, len(one["w"]) // _SAMPLES)
+        for run in smoothed:
+            stride = max(1, len(run["w"]) // _SAMPLES)
             at = slice(settled, None, stride)
-            time = np.arange(len(one["w"]))[at] * model.study.interval
-            weight = 1.0 / np.sqrt(np.abs(one["variance"][at]) + 1e-12 * one["w"].var() + 1e-300)
-            pieces.append((time, one["w"][at], weight, one["signals"][at]))
+            time = np.arange(len(run["w"]))[at] * model.study.interval
+            weight = 1.0 / np.sqrt(np.abs(run["variance"][at]) + 1e-12 * run["w"].var() + 1e-300)
+            pieces.append((time, run["w"][at], weight, run["signals"][at]))
         if len(pieces) == 1:  # the second half judges
             half = len(pieces[0][0]) // 2
             pieces = [tuple(v[:half] for v in pieces[0]), tuple(v[half:] for v in pieces[0])]

@@ -1,4 +1,4 @@
-"""A system of FMUs in state form: derivatives and outputs of all components, in machine code.
+"""A system of FMUs in state form, and how `evaluate` reaches its components.
 
 FMUs stay in initialisation mode. There FMI lets the importer set states, inputs and parameters and read
 derivatives and outputs, so that one pair of calls evaluates a component at any point.
@@ -9,229 +9,41 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from enum import IntEnum
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.compiled_functions import njit
 from ...base.errors import ConfigError, Problem
 from ...fmi import Causality, CompiledFmu, Kind, Variability
-from ...simulation.native.foreign_calls import call_fmi2_values, call_fmi3_values, load, store
 from ...system.connection import Connection, Port
 from ...system.system import Instance
 from ..study.study import PortRun, PortStudy
-from .calls import call_law
 from .effort import Effort
+from .evaluation import (
+    COLUMNS,
+    GET_REFS,
+    GET_VALUES,
+    GETS,
+    NU,
+    NX,
+    NY,
+    SELF,
+    SET,
+    SET_REFS,
+    SET_VALUES,
+    SETS,
+    VERSION,
+    Kinds,
+    Place,
+    U,
+    X,
+    Y,
+)
 
-__all__ = ["COLUMNS", "Inserted", "Kinds", "Place", "StateModel", "acts_of", "evaluate", "past_of"]
+__all__ = ["StateModel"]
 
 Array = NDArray[np.float64]
-# Columns of a component's row.
-_SET, _GET, _SELF, _SET_REFS, _SETS, _SET_VALUES, _GET_REFS, _GETS, _GET_VALUES = range(9)
-_X, _NX, _U, _NU, _P, _NP, _Y, _NY, _VERSION = range(9, 18)
-COLUMNS = 18
-# Columns of what acts: where, and which law.
-_KIND, _COMPONENT, _INDEX, _HAS_W, _LAW, _SIGNAL, _COUNT, _NUMBER, _HIDDEN, _STATES = range(10)
-_INTERVAL, _DELAY = 10, 11
-
-
-class Kinds(IntEnum):
-    """Where an unknown input acts."""
-
-    NONE = 0
-    INPUT = 1
-    RATE = 2
-    OUTPUT = 3
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where physics can be missing.
-
-    Attributes:
-        name: of the input, the output or the state's derivative.
-        component: index of the instance.
-        index: among all inputs, states or outputs, by `kind`.
-    """
-
-    name: str
-    kind: Kinds
-    component: int
-    index: int
-
-
-@dataclass(frozen=True)
-class Inserted:
-    """A law at a place: its machine code's address, the signals it reads, its numbers and states.
-
-    Attributes:
-        settled: states that start at the first signal.
-        delay: whether its first number delays the first signal. Open simulations then look the signal up in
-            the past, filters take the law's states.
-    """
-
-    place: Place
-    address: int
-    signals: tuple[int, ...]
-    numbers: int
-    states: int = 0
-    settled: tuple[int, ...] = ()
-    delay: bool = False
-
-
-@njit()
-def past_of(acts, steps):
-    """Memory of laws: signals that they delay over so many steps, the present (see `_delayed`), one call.
-
-    Without steps no signal is kept: filters and derivatives take the states of such laws.
-    """
-    kept = steps + 1 if steps > 0 and np.any(acts[:, _DELAY]) else 0
-    return np.zeros((len(acts), kept, 3)), np.zeros(4), np.zeros((2, 8))
-
-
-@njit(allocates=False)
-def _summed(past, step, now, signal, at):
-    """Integral of a signal up to a point of time [steps]; see `_delayed`."""
-    if at <= 0.0:
-        return at * (past[0, 0] if step > 0 or now[3] > 0.0 else signal)
-    before = int(at)
-    if before < step:
-        part = at - before
-        begin, end = past[before, 0], past[before + 1, 1]
-        return past[before, 2] + part * (begin + 0.5 * part * (end - begin))
-    begin = past[step, 0] if now[3] > 0.0 else signal
-    return past[step, 2] + (at - step) * 0.5 * (begin + signal)
-
-
-@njit(allocates=False)
-def _delayed(past, now, time, signal):
-    """A signal some time ago, the mean over one step; writes `past`.
-
-    A jump within a step then counts by its part of the step, so that fits see it move.
-
-    Args:
-        past: values at the begin and at the end of each step, and the integral up to its begin, shape
-            (steps + 1, 3). Where the signal jumps at a step's begin, both differ.
-        now: step, its part that is over, its length [s], and 1 where it begins, 2 where it ends.
-        signal: its present value.
-    """
-    step = int(now[0])
-    if now[3] == 1.0:
-        past[step, 0] = signal
-    elif now[3] == 2.0:
-        past[step + 1, 1] = signal
-        past[step + 1, 2] = past[step, 2] + 0.5 * (past[step, 0] + signal)
-    at = now[0] + now[1] - abs(time) / now[2]
-    half = min(0.5, now[0] + now[1] - at)
-    if half < 1e-9:
-        return signal
-    late = _summed(past, step, now, signal, at + half)
-    return (late - _summed(past, step, now, signal, at - half)) / (2.0 * half)
-
-
-@njit(allocates=False)
-def _acting(act, x, u, y, t, w, signals, theta, hidden, extra, past, now, call):
-    """What one row of `acts` adds at its place; writes the derivatives of its law's states."""
-    total = w if act[_HAS_W] else 0.0
-    if act[_LAW] != 0:
-        s, out = call
-        nx, nu = len(x), len(u)
-        for k in range(act[_COUNT]):
-            j = signals[act[_SIGNAL] + k]
-            s[k] = x[j] if j < nx else (u[j - nx] if j < nx + nu else y[j - nx - nu])
-        s[2] = 1e-9 * act[_INTERVAL]
-        numbers = theta.ctypes.data + 8 * act[_NUMBER]
-        states = hidden.ctypes.data + 8 * act[_HIDDEN]
-        call_law(act[_LAW], t, s.ctypes.data, numbers, states, out.ctypes.data)
-        if act[_DELAY] and len(past) > 0:
-            out[0] = _delayed(past, now, theta[act[_NUMBER]], s[0]) - s[0]
-        total += out[0]
-        for k in range(act[_STATES]):
-            extra[act[_HIDDEN] + k] = out[1 + k]
-    return total
-
-
-@njit(allocates=False)
-def _passes(acts, signals, nx, nu):
-    """How often components are evaluated: twice with laws whose inputs or outputs read other inputs.
-
-    The order of evaluation knows only what the components themselves pass on at once.
-    """
-    for a in range(len(acts)):
-        for k in range(acts[a, _SIGNAL], acts[a, _SIGNAL] + acts[a, _COUNT]):
-            own = acts[a, _KIND] == 1 and signals[k] == nx + acts[a, _INDEX]
-            if acts[a, _LAW] != 0 and acts[a, _KIND] != 2 and signals[k] >= nx and not own:
-                if signals[k] < nx + nu or acts[a, _KIND] == 1:
-                    return 2
-    return 1
-
-
-@njit(allocates=False)
-def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, rate, extra, past, now, call):
-    """Derivatives and outputs at one point.
-
-    Args:
-        rows: components, shape (n, 18). wiring: see `StateModel`. x, ext, p: states, fed signals, parameters.
-        acts: what acts where, shape (n, 12), see `acts_of`. w: the unknown input.
-        signals: which of [x, u, y] the laws read. theta, hidden: their numbers and their states.
-        u, y, rate: written, inputs, outputs and derivatives. extra: written, derivatives of `hidden`.
-        past, now, call: memory of laws; see `past_of`.
-    """
-    first, source, gain, constant, u_ext, y_ext, schedule = wiring
-    for turn in range(_passes(acts, signals, len(x), len(u)) * len(schedule)):
-        c = schedule[turn % len(schedule)]
-        row = rows[c]
-        for i in range(row[_U], row[_U] + row[_NU]):
-            if u_ext[i] >= 0:
-                u[i] = ext[u_ext[i]]
-            else:
-                value = constant[i]
-                for k in range(first[i], first[i + 1]):
-                    value += gain[k] * (y[source[k]] if y_ext[source[k]] < 0 else ext[y_ext[source[k]]])
-                u[i] = value
-        for a in range(len(acts)):
-            if acts[a, _COMPONENT] == c and acts[a, _KIND] == 1:
-                u[acts[a, _INDEX]] += _acting(
-                    acts[a], x, u, y, t, w, signals, theta, hidden, extra, past[a], now, call
-                )  # fmt: skip
-        at = row[_SET_VALUES]
-        for i in range(row[_NX]):
-            store(at, x[row[_X] + i])
-            at += 8
-        for i in range(row[_NU]):
-            store(at, u[row[_U] + i])
-            at += 8
-        for i in range(row[_NP]):
-            store(at, p[row[_P] + i])
-            at += 8
-        if row[_VERSION] == 2:
-            if row[_SETS] > 0:
-                call_fmi2_values(row[_SET], row[_SELF], row[_SET_REFS], row[_SETS], row[_SET_VALUES])
-            call_fmi2_values(row[_GET], row[_SELF], row[_GET_REFS], row[_GETS], row[_GET_VALUES])
-        else:
-            if row[_SETS] > 0:
-                call_fmi3_values(
-                    row[_SET], row[_SELF], row[_SET_REFS], row[_SETS], row[_SET_VALUES], row[_SETS]
-                )
-            call_fmi3_values(row[_GET], row[_SELF], row[_GET_REFS], row[_GETS], row[_GET_VALUES], row[_GETS])
-        at = row[_GET_VALUES]
-        for i in range(row[_NX]):
-            rate[row[_X] + i] = load(at, 0.0)
-            at += 8
-        for i in range(row[_NY]):
-            y[row[_Y] + i] = load(at, 0.0)
-            at += 8
-        for a in range(len(acts)):
-            if acts[a, _COMPONENT] == c and acts[a, _KIND] > 1:
-                added = _acting(
-                    acts[a], x, u, y, t, w, signals, theta, hidden, extra, past[a], now, call
-                )  # fmt: skip
-                if acts[a, _KIND] == 2:
-                    rate[acts[a, _INDEX]] += added
-                else:
-                    y[acts[a, _INDEX]] += added
 
 
 @dataclass
@@ -320,7 +132,7 @@ class StateModel:
         parameters: Sequence[str] = (),
     ) -> None:  # fmt: skip
         """Append an instance's variables, and write where they stand into its row."""
-        row[_X : _VERSION] = [
+        row[X : VERSION] = [
             len(self.states), len(states), len(self.inputs), len(inputs),
             len(self.parameters), len(parameters), len(self.outputs), len(outputs),
         ]  # fmt: skip
@@ -395,13 +207,13 @@ class StateModel:
             references = np.array([variables[one].reference for one in wanted], np.uint32)
             memory = np.zeros(max(1, len(wanted)))
             arrays += [references, memory]
-            row[_SET + at] = function
-            row[(_SET_REFS, _GET_REFS)[at]] = references.ctypes.data
-            row[(_SETS, _GETS)[at]] = len(wanted)
-            row[(_SET_VALUES, _GET_VALUES)[at]] = memory.ctypes.data
+            row[SET + at] = function
+            row[(SET_REFS, GET_REFS)[at]] = references.ctypes.data
+            row[(SETS, GETS)[at]] = len(wanted)
+            row[(SET_VALUES, GET_VALUES)[at]] = memory.ctypes.data
         component = native._component
-        row[_SELF] = component if isinstance(component, int) else component.value
-        row[_VERSION] = version
+        row[SELF] = component if isinstance(component, int) else component.value
+        row[VERSION] = version
         self._memory += [native, *arrays]
 
     def _wired(self, connections: tuple[Connection, ...]) -> tuple[Any, ...]:
@@ -443,10 +255,10 @@ class StateModel:
                     continue
                 ready = {
                     self.inputs[i].variable: bool(right[source[first[i] : first[i + 1]]].all())
-                    for i in range(row[_U], row[_U] + row[_NU])
+                    for i in range(row[U], row[U] + row[NU])
                 }
                 fresh = [
-                    k for k in range(row[_Y], row[_Y] + row[_NY])
+                    k for k in range(row[Y], row[Y] + row[NY])
                     if not right[k] and all(ready.get(one, True) for one in
                                             through[c].get(self.outputs[k].variable, ()))
                 ]  # fmt: skip
@@ -497,10 +309,10 @@ class StateModel:
         for c, row in enumerate(self.rows):
             found += [Place(str(self.inputs[i]), Kinds.INPUT, c, i) for i in self.inputs_of(row)]
             found += [
-                Place(f"der({self.states[i]})", Kinds.RATE, c, i) for i in range(row[_X], row[_X] + row[_NX])
+                Place(f"der({self.states[i]})", Kinds.RATE, c, i) for i in range(row[X], row[X] + row[NX])
             ]
             found += [
-                Place(str(self.outputs[i]), Kinds.OUTPUT, c, i) for i in range(row[_Y], row[_Y] + row[_NY])
+                Place(str(self.outputs[i]), Kinds.OUTPUT, c, i) for i in range(row[Y], row[Y] + row[NY])
             ]
         return found
 
@@ -510,43 +322,23 @@ class StateModel:
 
     def states_of(self, row: Any) -> range:
         """Indices of a component's states, by its row."""
-        return range(row[_X], row[_X] + row[_NX])
+        return range(row[X], row[X] + row[NX])
 
     def inputs_of(self, row: Any) -> list[int]:
         """Indices of a component's inputs, by its row; without parameters that runs set."""
         varied = self.study.varied
-        return [i for i in range(row[_U], row[_U] + row[_NU]) if self.inputs[i] not in varied]
+        return [i for i in range(row[U], row[U] + row[NU]) if self.inputs[i] not in varied]
 
     def outputs_of(self, row: Any) -> range:
         """Indices of a component's outputs, by its row."""
-        return range(row[_Y], row[_Y] + row[_NY])
+        return range(row[Y], row[Y] + row[NY])
 
     def signals_of(self, place: Place) -> dict[str, int]:
         """Signals of a place's component: index into [states, inputs, outputs] by name."""
         row, nx, nu = self.rows[place.component], len(self.states), len(self.inputs)
-        found = {str(self.states[i]): i for i in range(row[_X], row[_X] + row[_NX])}
+        found = {str(self.states[i]): i for i in range(row[X], row[X] + row[NX])}
         found |= {str(self.inputs[i]): nx + i for i in self.inputs_of(row)}
         if place.kind is not Kinds.INPUT:
-            for i in range(row[_Y], row[_Y] + row[_NY]):
+            for i in range(row[Y], row[Y] + row[NY]):
                 found.setdefault(str(self.outputs[i]), nx + nu + i)
         return found
-
-
-def acts_of(laws: Sequence[Inserted], w: Place | None, interval: float) -> tuple[Any, Any]:
-    """Rows of what acts, and the signals that laws read: inserted laws, then the unknown input.
-
-    Args:
-        interval: of the logs [s], for laws that need it.
-    """
-    rows, signals, number, hidden = [], list[int](), 0, 0
-    for one in laws:
-        where = one.place
-        rows.append([
-            int(where.kind), where.component, where.index, 0, one.address, len(signals), len(one.signals),
-            number, hidden, one.states, round(1e9 * interval), int(one.delay),
-        ])  # fmt: skip
-        signals += one.signals
-        number, hidden = number + one.numbers, hidden + one.states
-    if w is not None:
-        rows.append([int(w.kind), w.component, w.index, 1, 0, 0, 0, 0, 0, 0, 0, 0])
-    return np.array(rows, np.int64).reshape(len(rows), 12), np.array(signals, np.int64)

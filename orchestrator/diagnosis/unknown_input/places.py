@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..study.study import PortRun
-from .model import Inserted, Place, StateModel
+from .evaluation import Inserted, Place
+from .model import StateModel
+from .open_run import signals_along, simulated, substeps
 from .played import PlayedModel
-from .smoother import Smoothed, filtered, pass_effort, signals_along, simulated, substeps
+from .smoother import Smoothed, filtered, pass_effort
 
 __all__ = ["Ranked", "Runs", "rank", "smoothed_at"]
 

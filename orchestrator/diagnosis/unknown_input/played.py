@@ -27,7 +27,8 @@ from ..study.player import Player
 from ..study.replay import player_of
 from ..study.study import PortStudy
 from .calls import call_law
-from .model import COLUMNS, Inserted, Kinds, Place, StateModel
+from .evaluation import COLUMNS, Inserted, Kinds, Place
+from .model import StateModel
 
 __all__ = ["LawEffect", "PlayedModel"]
 

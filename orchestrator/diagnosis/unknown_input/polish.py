@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from .model import Inserted
+from .evaluation import Inserted
+from .open_run import sensitive
 from .places import Runs
-from .smoother import sensitive
 
 __all__ = ["WORST", "Polished", "Replays", "correlation_length", "polished"]
 

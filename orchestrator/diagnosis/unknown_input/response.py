@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from ...base.compiled_functions import njit
 from .calls import call_law
+from .evaluation import Inserted, Place
 from .law_fit import Candidate
-from .model import Inserted, Place
+from .open_run import Tangent, tangent
 from .places import Runs
-from .smoother import Tangent, tangent
 
 __all__ = ["Responses"]
 

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.parallel import in_parallel
+from .evaluation import Inserted, Kinds, Place
 from .law_fit import Candidate, readable, starts_of
-from .model import Inserted, Kinds, Place
 from .places import Runs
 from .polish import WORST, Replays
 from .response import Responses

@@ -517,15 +517,15 @@ def kin_of(
         compare: of how many numbers they and the law have; by default they have as many.
     """
     own = law.law.numbers
-    known = {(one.name, ""): value for one, value in zip(own, numbers.tolist(), strict=True)}
-    known |= {(k, one.unit): value for k, (one, value) in enumerate(zip(own, numbers.tolist(), strict=True))}
+    by_name = {one.name: value for one, value in zip(own, numbers.tolist(), strict=True)}
+    by_unit = {(k, one.unit): value for k, (one, value) in enumerate(zip(own, by_name.values(), strict=True))}
     return [
         replace(one, numbers=start)
         for one in _others(runs.model, law)
         if one.law.family == law.law.family and compare(len(one.law.numbers), len(own))
         for start in {
             tuple(
-                known.get((each.name, ""), known.get((k, each.unit), value))
+                by_name.get(each.name, by_unit.get((k, each.unit), value))
                 for k, (each, value) in enumerate(zip(one.law.numbers, start, strict=True))
             )
             for start in starts_of(one, runs)
