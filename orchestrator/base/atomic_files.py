@@ -11,8 +11,6 @@ from typing import BinaryIO
 
 from .errors import ConfigError, Problem, listed
 
-__all__ = ["replaceable", "whole_file", "write_text"]
-
 
 def replaceable(path: Path, suffixes: Collection[str], option: str) -> None:
     """See that what stands where a command is to write is of the kind that it writes.

@@ -28,8 +28,6 @@ from .provenance import versions
 if TYPE_CHECKING:
     from numba.core.caching import _CacheLocator
 
-__all__ = ["cfunc", "digest", "is_kept", "njit"]
-
 _Made = TypeVar("_Made")
 
 _PACKAGE = Path(__file__).parents[1]

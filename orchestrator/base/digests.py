@@ -5,8 +5,6 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-__all__ = ["digest_of", "file_digest"]
-
 
 def digest_of(data: bytes) -> str:
     """SHA-256 of bytes."""

@@ -10,24 +10,6 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
-__all__ = [
-    "BuildError",
-    "ConfigError",
-    "FmuError",
-    "Interrupted",
-    "OrchestratorError",
-    "Problem",
-    "SimulationEnded",
-    "StepError",
-    "close",
-    "error_data",
-    "extras_named",
-    "in_order",
-    "listed",
-    "nearest",
-    "needs",
-]
-
 
 class OrchestratorError(Exception):
     """Base of every error that this package raises on purpose."""

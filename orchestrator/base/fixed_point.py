@@ -11,9 +11,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Anderson", "FixedPoint", "Newton", "Singular", "Solution", "Solver", "solve"]
+from .arrays import Array
 
-Array = NDArray[np.float64]
 Function = Callable[[Array], Array]
 
 # Of a one-sided difference: balances truncation and rounding for functions of order one.

@@ -11,8 +11,6 @@ from pathlib import Path
 
 from .errors import ConfigError, Problem
 
-__all__ = ["NAME", "locked", "take"]
-
 NAME = ".running"
 # Windows lets nobody read what is locked, and the holder's number is to be read: what is locked is a byte
 # far behind it.

@@ -6,8 +6,6 @@ import heapq
 from collections import deque
 from collections.abc import Sequence
 
-__all__ = ["levels", "shortest_cycle", "stable_order", "strong_components"]
-
 Successors = Sequence[Sequence[int]]
 
 

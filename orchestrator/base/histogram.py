@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Histogram"]
-
 # From 100 ns to 1000 s; a class is 2.3 % wide.
 _LOWEST, _PER_DECADE, _DECADES = 2.0, 100, 10
 

@@ -11,8 +11,6 @@ from multiprocessing import get_context
 from traceback import format_exc
 from typing import Any, TypeVar
 
-__all__ = ["in_parallel"]
-
 T = TypeVar("T")
 
 

@@ -9,8 +9,6 @@ from functools import cache
 from importlib import metadata
 from typing import Any
 
-__all__ = ["origin", "versions"]
-
 
 def origin() -> dict[str, Any]:
     """Time, Python and platform, for what is written of a computation."""

@@ -9,8 +9,6 @@ from typing import NamedTuple
 from .errors import Problem, listed
 from .units import ONE, Unit, UnitError, parse_unit, quantity_in
 
-__all__ = ["Measure", "infinite_quantity", "quantity"]
-
 
 class Measure(NamedTuple):
     """What a number is measured in.

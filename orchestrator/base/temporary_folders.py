@@ -14,8 +14,6 @@ from time import time
 
 from .folder_lock import NAME, take
 
-__all__ = ["cache_folder", "keep_last_used", "remove_scratch", "scratch_folder", "scratch_root"]
-
 _PREFIX = "orchestrator-"
 # A folder without a lock is being made, or its maker was killed meanwhile: that is not this young [s].
 _YOUNG = 3600.0

@@ -6,8 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
-__all__ = ["OWN", "html_table", "remarks", "summary_text"]
-
 # Keys of every summary; the others hold what measures found.
 OWN = ("title", "config", "run", "numerics", "parameters", "provenance", "error", "coupling", "notes")
 _MOST_ROWS = 30

@@ -15,8 +15,6 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
 
-__all__ = ["ONE", "Quantity", "Unit", "UnitError", "convert", "parse_quantity", "parse_unit", "quantity_in"]
-
 BASE_NAMES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 _NO_DIMENSION = (0,) * len(BASE_NAMES)
 

@@ -17,8 +17,6 @@ from ..simulation.run import prepare
 from ..system.checks import start_value
 from ..system.system import System
 
-__all__ = ["Axis", "Level", "as_text", "axis_of"]
-
 _SECOND = parse_unit("s")
 _TIMES = ("step_size", "stop_time", "start_time", "time_limit")
 _FIXED = {

@@ -20,8 +20,6 @@ from .partial_study import read_study
 from .tables import RESERVED
 from .variants import Variants
 
-__all__ = ["Checked", "check_study"]
-
 # Values that are tried by checking the system with each; beyond that the ends are.
 _MOST_TRIED = 100
 

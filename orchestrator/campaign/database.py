@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     import duckdb
     import pyarrow as pa
 
-__all__ = ["VIEWS", "Store"]
-
 VIEWS = {
     "sweep": "points of all studies with what their runs gave: the table to begin with",
     "runs": "each run once: status, kind and message of a failure, derived quantities, timing",

@@ -23,8 +23,6 @@ from ..base.errors import ConfigError, Problem, listed, nearest
 from ..base.units import UnitError, parse_quantity, parse_unit
 from ..results.recorders import Results
 
-__all__ = ["Derived", "lookup", "parse_derived", "unknown_numbers"]
-
 _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,

@@ -16,8 +16,6 @@ from ..config import path_text
 from .axes import Axis, Level
 from .models import BlockModel, DrawnModel, RangeModel, RepeatsModel, SampleModel
 
-__all__ = ["Block", "Blocks", "Sum", "paths_of", "seeds"]
-
 Point = dict[str, Level]
 Path = tuple[str | int, ...]
 # Seeds that any tool takes: positive and of 31 bits.

@@ -28,8 +28,6 @@ from .axes import as_text
 from .derived import Derived
 from .models import RecordModel
 
-__all__ = ["FILES", "Context", "Order", "Row", "Task", "as_json", "begin", "execute", "flat"]
-
 # Stands before the place of a file in an override.
 FILES = "files:"
 # Systems that are kept ready, for overrides that change more than start values.

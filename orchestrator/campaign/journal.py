@@ -9,8 +9,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from time import monotonic
 
-__all__ = ["Journal", "read_journal"]
-
 # Mark, length of the text, length of the bytes, check sum of both.
 _HEAD = struct.Struct("<4sQQI")
 _MARK = b"run1"

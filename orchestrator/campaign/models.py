@@ -21,8 +21,6 @@ from pydantic import (
 from ..base.units import ONE, UnitError, parse_quantity, parse_unit
 from ..config import Scalar
 
-__all__ = ["BlockModel", "DrawnModel", "RangeModel", "RepeatsModel", "SampleModel", "StudyModel"]
-
 Ends = Annotated[list[Scalar], Field(min_length=2, max_length=2)]
 
 # Points along one axis, far above any study.

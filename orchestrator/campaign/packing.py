@@ -12,8 +12,6 @@ from ..fmi.workers.files import place_of
 from ..simulation.run import Prepared
 from .execute import FILES
 
-__all__ = ["Packed", "pack"]
-
 
 @dataclass(frozen=True)
 class Packed:

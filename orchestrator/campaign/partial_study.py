@@ -11,8 +11,6 @@ from ..base.errors import Problem
 from ..config import Places, copied, path_within, validation_problems
 from .models import BlockModel, StudyModel
 
-__all__ = ["read_study"]
-
 # In place of keys that a study needs and that are wrong.
 _NEEDED = {"format": "sweep/1", "system": "", "design": {"list": [{"": 0}]}}
 

@@ -12,8 +12,6 @@ from ..base.provenance import versions
 from ..effects import Effect
 from ..system.system import System
 
-__all__ = ["effect_sources", "product"]
-
 _PACKAGE = Path(__file__).resolve().parents[1]
 # What no number of a run depends on.
 _BESIDE = (

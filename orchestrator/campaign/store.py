@@ -31,8 +31,6 @@ from .tables import tables_of
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["StoreWriter", "check_store", "journals", "number_of", "parts", "write_whole"]
-
 _FORMAT = "store/1"
 # A journal becomes a part when it has grown to so many bytes or records.
 _LARGEST, _MOST = 64 << 20, 20_000

@@ -26,9 +26,6 @@ from .variants import written
 if TYPE_CHECKING:
     import pyarrow as pa
 
-
-__all__ = ["CheckedStudy"]
-
 _POINTS_AT_ONCE = 10_000
 
 

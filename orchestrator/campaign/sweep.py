@@ -24,8 +24,6 @@ from .study import CheckedStudy
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["Study", "Swept", "sweep"]
-
 _PACKAGES = (
     "orchestrator",
     "fmpy",

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["RESERVED", "TABLES", "empty_tables", "tables_of"]
-
 TABLES = ("runs", "numbers", "logs", "trajectories", "sessions")
 
 _RUNS = {

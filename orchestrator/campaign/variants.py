@@ -14,8 +14,6 @@ from ..system.system import Instance
 from .axes import Axis, Level, as_text
 from .software_version import effect_sources
 
-__all__ = ["Variants", "written"]
-
 
 def written(axis: Axis, level: Level) -> Any:
     """A start value as a config has it, with its unit."""

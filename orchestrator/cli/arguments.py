@@ -13,15 +13,6 @@ if TYPE_CHECKING:
 
     from ..config import Config
 
-__all__ = [
-    "add_config",
-    "add_json",
-    "add_requests",
-    "one_matrix_thread",
-    "print_json",
-    "requested_configs",
-]
-
 
 def one_matrix_thread() -> None:
     """Let numpy, if it is not loaded yet, use one thread.

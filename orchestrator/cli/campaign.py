@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from ..campaign.database import Store
     from ..campaign.sweep import Swept
 
-__all__ = ["add_store_arguments", "add_sweep_arguments", "store_main", "sweep_main"]
-
 _SWEEP = """Run a system at many points: a study file names the system, the design over any of its
 config's values, and the quantities of each run. Runs that the store holds already are not made again: the
 same command goes on where it stopped. A run that fails is kept with its reason, and the others go on."""

@@ -18,8 +18,6 @@ from ..results.file_formats import strict
 from ..results.progress import counting
 from .arguments import one_matrix_thread
 
-__all__ = ["add_arguments", "main"]
-
 _DESCRIPTION = """Check diagnosis blind. `challenge CONFIG` and `challenge --random SEED` hide laws in a copy
 of a system that an independent solver integrates, search its logs as `diagnose` does, and
 score the verdicts. `make`, `run` and `score` do so for effects of a docking rig, with a sealed truth.

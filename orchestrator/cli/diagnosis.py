@@ -10,8 +10,6 @@ from typing import Any
 
 from ..base.errors import ConfigError, Interrupted, OrchestratorError, Problem, listed
 
-__all__ = ["add_arguments", "main"]
-
 # Of a case's diagnosis, as the progress bar counts.
 _STAGES = 8
 # Options of an earlier search of studies; the first one took no value.

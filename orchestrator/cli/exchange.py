@@ -10,15 +10,6 @@ from pathlib import Path
 from ..base.errors import ConfigError, Problem, listed
 from .arguments import add_config
 
-__all__ = [
-    "add_export_arguments",
-    "add_import_arguments",
-    "add_new_arguments",
-    "export_main",
-    "import_main",
-    "new_main",
-]
-
 
 def _export_ssp(args: argparse.Namespace) -> int:
     from ..exchange.ssp.write import write_ssp

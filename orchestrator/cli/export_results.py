@@ -9,8 +9,6 @@ from .arguments import add_json, print_json
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["add_arguments", "main"]
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `orchestrator export-results`."""

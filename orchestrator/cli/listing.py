@@ -10,8 +10,6 @@ from .arguments import print_json
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["list_known", "schema"]
-
 
 def list_known(args: argparse.Namespace) -> int:
     """Print names of what is bundled or registered."""

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from typing import Any
 
-__all__ = ["COMMANDS", "DEFAULT_PARTS", "entry_point", "function", "main", "make_parser"]
-
 _EXIT_CODES = """exit codes:
   0    done
   1    the run failed; what it recorded until then is kept

@@ -8,8 +8,6 @@ from pathlib import Path
 from ..base.atomic_files import replaceable
 from ..base.errors import ConfigError, Problem
 
-__all__ = ["add_arguments", "main"]
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `orchestrator report`."""

@@ -13,8 +13,6 @@ from ..docking.reproduction.reproduce import Reproduction, reproduce
 from ..plotting.figures import save
 from .arguments import add_json
 
-__all__ = ["NAME", "add_arguments", "main"]
-
 # Not summary.json, which is a run's: a folder may hold both.
 NAME = "reproduction.json"
 

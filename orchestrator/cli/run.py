@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     from ..simulation.preparation import Prepared
 
-__all__ = ["add_arguments", "main"]
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `orchestrator run`."""

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from ..frequency.trim import Trimmed
     from ..simulation.preparation import Prepared
 
-__all__ = ["add_arguments", "main"]
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `orchestrator stability`."""

@@ -10,8 +10,6 @@ from pydantic import BaseModel, ConfigDict, Field
 from ..base.units import ONE, UnitError, parse_quantity, parse_unit
 from ..effects.base import Pure
 
-__all__ = ["Model", "Time", "checked_time", "exact_time", "seconds"]
-
 _SECOND = parse_unit("s")
 
 Time = Annotated[str, Pure("s"), Field(description="A time with its unit.", examples=["0.1 ms", "4 s"])]

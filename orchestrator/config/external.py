@@ -9,8 +9,6 @@ from pydantic import Field, StringConstraints, field_validator, model_validator
 from ..base.units import UnitError, parse_unit, quantity_in
 from .base import Model, Time, checked_time, exact_time
 
-__all__ = ["ExternalModel", "RealtimeModel", "ReceivedModel", "address"]
-
 _Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_.\[\],]*$")]
 
 

@@ -9,8 +9,6 @@ from typing import Any
 from ..effects import effect_file
 from .text import Path
 
-__all__ = ["file_of", "move_effects", "move_value", "rebase"]
-
 
 def file_of(folder: pathlib.Path, own: pathlib.Path) -> Callable[[str], str]:
     """What a config in the folder `own` has for a file that is named outside it, relative to `folder`.

@@ -18,8 +18,6 @@ from .partial_config import correct_spelling, read_model
 from .text import Path, Place, Places, compose, copied, dump
 from .unresolved import FURTHER, Gaps
 
-__all__ = ["Config", "Draft", "json_schema", "load_config", "read_config"]
-
 # Files of other tools: suffix -> what makes a config's plain values of them; imported when asked for. It
 # gives `data`, `notes`, `unpacked` as in Config, and `remedies` for keys that are missing.
 _FOREIGN = dict.fromkeys((".ssp", ".ssd"), "..exchange.ssp.load:load_ssp")

@@ -11,17 +11,6 @@ from pydantic import ConfigDict, Field, StringConstraints, field_validator, mode
 from .base import Model, Time, checked_time, exact_time
 from .external import ExternalModel, RealtimeModel
 
-__all__ = [
-    "BondModel",
-    "ConnectionModel",
-    "InstanceModel",
-    "RunModel",
-    "Scalar",
-    "SourceModel",
-    "SystemModel",
-    "named_twice",
-]
-
 Scalar = bool | int | float | str
 # Of an array; that of two dimensions row by row.
 StartValue = Scalar | list[Scalar | list[Scalar]]

@@ -12,8 +12,6 @@ from .models import RunModel
 from .text import Path, Place, Places, parse
 from .unresolved import FURTHER
 
-__all__ = ["override", "override_path", "put_value", "unknown_path"]
-
 
 def override(
     data: dict[str, Any], places: Places, text: str, moved: Callable[[str], str]

@@ -24,8 +24,6 @@ from .problems import is_of_another_form, names_of, path_within, unknown_key, va
 from .text import Path, Places
 from .unresolved import Gaps
 
-__all__ = ["correct_spelling", "read_model"]
-
 _ARROW = TypeAdapter(Arrow)
 _NAMED = ("instances", "external")
 # For the keys of an external one that its ports do not depend on.

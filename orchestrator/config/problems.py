@@ -13,8 +13,6 @@ from .models import ConnectionModel, SourceModel
 from .text import Path, Places, path_text
 from .unresolved import Gaps
 
-__all__ = ["is_of_another_form", "names_of", "path_within", "unknown_key", "validation_problems"]
-
 # Of pydantic's locations: key checks, and members of unions that are distinguished by a tag.
 _MARKS = ("[key]", "[list]", "[range]")
 # Of the other unions there are: that of `bonds`, and those in bonds and in external ones.

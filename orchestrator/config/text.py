@@ -15,8 +15,6 @@ import yaml
 
 from ..base.errors import ConfigError, Problem
 
-__all__ = ["Path", "Place", "Places", "compose", "copied", "dump", "flow", "parse", "path_text"]
-
 Path = tuple[str | int, ...]
 
 # What aliases may stand for, digits of a number, and levels of lists and mappings.

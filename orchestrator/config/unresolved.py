@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 from .text import Path
 
-__all__ = ["FURTHER", "Absent", "Gaps"]
-
 # In place of a key: an entry that may be there as well.
 FURTHER = "*"
 

@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["Contact", "find_contacts"]
-
-Array = NDArray[np.float64]
+from ..base.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from ..base.arrays import Array
 from ..plotting.figures import COLORS
 from .contacts import Contact, find_contacts
 from .theory import ideal_restitution
@@ -16,10 +16,6 @@ from .theory import ideal_restitution
 if TYPE_CHECKING:
     from ..results.recorders import Results
     from .options import DockingOptions
-
-__all__ = ["comparison", "contact_time", "contacts", "estimates", "rebounds"]
-
-Array = NDArray[np.float64]
 
 # Okabe and Ito's palette: distinguished with any colour vision.
 BLUE, VERMILION, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"

@@ -16,12 +16,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-__all__ = ["Motion", "attached", "placed", "relative"]
-
-Array = NDArray[np.float64]
+from ..base.arrays import Array
 
 
 @dataclass(frozen=True)

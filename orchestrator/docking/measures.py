@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from ..results.recorders import Results
     from ..simulation.run import Prepared
 
-__all__ = ["KEPT", "UNITS", "DockingMeasure"]
-
 # Of the numbers of both docking measures; the others are ratios.
 UNITS = {
     "start_time": "s",

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
-__all__ = ["POSE", "DockingOptions", "SpaceOptions"]
-
 # Components of a recorded pose and twist, and how many numbers each has.
 POSE = {"position": 3, "orientation": 4, "velocity": 3, "angular_velocity": 3}
 _SATELLITES = ("kinetic_energy", "linear_momentum", "angular_momentum")

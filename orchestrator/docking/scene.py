@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from ..results.recorders import Results
     from .options import DockingOptions, SpaceOptions
 
-__all__ = ["line_scene", "space_scene"]
-
 
 def line_scene(results: Results, options: DockingOptions) -> dict[str, Any]:
     """Of a run in one dimension, along x."""

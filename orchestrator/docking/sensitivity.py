@@ -21,8 +21,6 @@ from tqdm import tqdm
 from ..simulation.run import run
 from .figures import BLUE, GREY, VERMILION
 
-__all__ = ["CHANGES", "draw", "main", "measured"]
-
 # What is varied -> settings of the controller, beside the chosen ones.
 CHANGES: dict[str, tuple[str, ...]] = {
     "as chosen": (),

@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from ..results.recorders import Results
     from ..simulation.run import Prepared
 
-__all__ = ["SpaceMeasure", "effective_mass"]
-
-
 _SATELLITES = ("kinetic_energy", "linear_momentum", "angular_momentum")
 
 

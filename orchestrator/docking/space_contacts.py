@@ -16,8 +16,6 @@ from .space_signals import Array, stacked, tip_velocity
 if TYPE_CHECKING:
     from ..results.recorders import Results
 
-__all__ = ["SpaceContacts"]
-
 # Of a free flight: there every remainder of the last contact has died away, and no prediction has begun.
 _MIDDLE = (0.25, 0.75)
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from ..results.recorders import Results
     from .options import SpaceOptions
 
-__all__ = ["attitude", "comparison", "contacts", "energy", "estimates", "forces", "positions"]
-
 AXES = (("x", VERMILION), ("y", BLUE), ("z", GREEN))
 
 

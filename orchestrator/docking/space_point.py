@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ..base.arrays import Array
 from ..frequency.from_system import LinearPoint
 from ..frequency.statespace import Law, StateSpace
 from ..results.recorders import parameters_of
@@ -18,10 +18,6 @@ from .options import POSE, SpaceOptions
 if TYPE_CHECKING:
     from ..fmi import FmuInstance
     from ..simulation.run import Prepared
-
-__all__ = ["satellites_law", "space_laws"]
-
-Array = NDArray[np.float64]
 
 _OFF, _ACTIVE = 1, 3
 _WRENCH = (("force", 3), ("torque", 3))

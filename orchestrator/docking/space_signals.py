@@ -5,20 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ..base.arrays import Array
 from .frames import Motion, attached
 
 if TYPE_CHECKING:
     from ..results.recorders import Results
 
 from .options import POSE
-
-__all__ = ["Array", "pose", "stacked", "tip_velocity"]
-
-
-Array = NDArray[np.float64]
 
 
 def stacked(results: Results, name: str, size: int = 3) -> Array:

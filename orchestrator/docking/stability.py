@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Array, Complex
 from ..base.errors import ConfigError, OrchestratorError, Problem, listed
 from ..frequency.from_system import Law, Linearised, LinearPoint, linearise
 from ..frequency.modes import Mode, Modes
@@ -23,21 +23,6 @@ from ..results.measures import choose_measures
 from ..results.recorders import parameters_of
 from ..simulation.run import Prepared, prepare
 from .options import DockingOptions
-
-__all__ = [
-    "Contact",
-    "ContactLoop",
-    "contact_point",
-    "contact_root",
-    "growth_per_contact",
-    "predict_contact",
-    "resting_push",
-    "stability_lines",
-    "stability_numbers",
-]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _OFF, _ACTIVE = 1, 3
 # How deep the rod stands in its frame [m]: the law of the contact is linear at any depth.

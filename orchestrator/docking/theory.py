@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["contact_frequency", "ideal_peak_force", "ideal_restitution"]
-
 
 def contact_frequency(stiffness: float, mass: float) -> float:
     """Frequency of the contact oscillation [Hz], Eq. (31): f = sqrt(k_d/m_e)/(2 pi).

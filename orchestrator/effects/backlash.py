@@ -8,8 +8,6 @@ from pydantic import Field
 
 from .base import Array, Effect, Numbers, OfSignal
 
-__all__ = ["Backlash"]
-
 
 class Backlash(Effect):
     """y stays where it was unless x is more than half the width away, and then follows. Zero size: 0.

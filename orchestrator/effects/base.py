@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple, Self
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
+from ..base.arrays import Array
 from ..base.errors import Problem
 from ..base.quantities import Measure
 from ..base.units import Unit
 
-__all__ = ["Array", "Effect", "Kernel", "Numbers", "OfSignal", "Pure"]
-
-Array = NDArray[np.float64]
 # The native loop gives arrays, the Python loop lists but for the memory: kernels take single numbers of them.
 Numbers = Array | list[float]
 Kernel = Callable[[float, Numbers, Numbers, Array, bool], float]

@@ -18,8 +18,6 @@ from ..base.quantities import Measure, infinite_quantity, quantity
 from ..base.units import parse_unit
 from .base import Effect, OfSignal, Pure, per_unit
 
-__all__ = ["Chosen", "create_effect", "effect_file", "effect_names", "effect_schema", "with_units"]
-
 # Name in configs -> where it lives; imported when asked for. The native loop knows them by their order.
 BUILT_IN = {
     "gain": ".gain:Gain",

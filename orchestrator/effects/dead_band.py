@@ -8,8 +8,6 @@ from pydantic import Field
 
 from .base import Array, Effect, Numbers, OfSignal
 
-__all__ = ["DeadBand"]
-
 
 class DeadBand(Effect):
     """y = 0 where |x| <= threshold, and x less the threshold, towards zero, elsewhere. Zero size: 0."""

@@ -10,8 +10,6 @@ from pydantic import Field
 
 from .base import Array, Effect, Numbers, OfSignal, Pure
 
-__all__ = ["FEWEST", "Delay", "earlier", "enlarged"]
-
 FEWEST = 16
 
 

@@ -9,8 +9,6 @@ from pydantic import Field
 
 from .base import Effect
 
-__all__ = ["Seeded", "normal", "uniform"]
-
 # Plain functions of numbers: the native loop compiles them together with the kernels that call them.
 
 

@@ -8,8 +8,6 @@ from pydantic import Field
 
 from .base import Array, Effect, Numbers, OfSignal
 
-__all__ = ["Drift"]
-
 
 class Drift(Effect):
     """y = x + rate (t - start). Zero size: 0."""

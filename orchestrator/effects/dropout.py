@@ -10,8 +10,6 @@ from pydantic import Field
 from .base import Array, Numbers, Pure
 from .draws import Seeded, uniform
 
-__all__ = ["Dropout"]
-
 
 class Dropout(Seeded):
     """y = x at the latest of the instants start + phase + n period that was not lost. Zero size: 0.

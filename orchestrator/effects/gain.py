@@ -11,8 +11,6 @@ from ..base.quantities import Measure
 from ..base.units import ONE, UnitError, parse_quantity, parse_unit
 from .base import Array, Effect, Numbers, times_unit
 
-__all__ = ["Gain", "split"]
-
 
 def split(value: Any) -> tuple[float, str]:
     """A number and the name of its unit, "1" if it has none. Raises: UnitError."""

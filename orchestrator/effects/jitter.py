@@ -11,8 +11,6 @@ from .base import Array, Numbers, Pure
 from .delay import FEWEST, earlier, enlarged
 from .draws import Seeded, uniform
 
-__all__ = ["Jitter"]
-
 
 class Jitter(Seeded):
     """y(t) = x(t - U), with U drawn again every period, between 0 and the jitter. Zero size: 0.

@@ -11,8 +11,6 @@ from ..base.errors import Problem
 from ..base.quantities import Measure
 from .base import Array, Effect, Numbers, Pure
 
-__all__ = ["LowPass"]
-
 
 class LowPass(Effect):
     """T y' + y = x, beginning at rest: y = x at the start. Zero size: T = 0.

@@ -10,8 +10,6 @@ from ..base.errors import Problem
 from ..base.quantities import Measure
 from .base import Array, Effect, Numbers
 
-__all__ = ["Map"]
-
 
 class Map(Effect):
     """y = the table's entry for x, or x where it has none; for integers, booleans and enumerations.

@@ -10,8 +10,6 @@ from pydantic import Field
 from .base import Array, Numbers, OfSignal, Pure
 from .draws import Seeded, normal
 
-__all__ = ["Noise"]
-
 
 class Noise(Seeded):
     """y = x + deviation * n, with n normally distributed, drawn again every period from the start.

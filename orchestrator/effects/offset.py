@@ -8,8 +8,6 @@ from pydantic import Field
 
 from .base import Array, Effect, Numbers, OfSignal
 
-__all__ = ["Offset"]
-
 
 class Offset(Effect):
     """y = x + value. Zero size: 0."""

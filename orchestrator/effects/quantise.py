@@ -9,8 +9,6 @@ from pydantic import Field
 
 from .base import Array, Effect, Numbers, OfSignal
 
-__all__ = ["Quantise"]
-
 
 class Quantise(Effect):
     """y = the multiple of the resolution that is nearest to x, the upper one of two. Zero size: 0."""

@@ -8,8 +8,6 @@ from pydantic import Field
 
 from .base import Array, Effect, Numbers, OfSignal
 
-__all__ = ["RateLimit"]
-
 
 class RateLimit(Effect):
     """y follows x, beginning at its first value, as fast as the rate allows. Zero size: an infinite rate."""

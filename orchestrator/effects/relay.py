@@ -8,8 +8,6 @@ from pydantic import Field
 
 from .base import Array, Effect, Numbers, OfSignal
 
-__all__ = ["Relay"]
-
 
 class Relay(Effect):
     """y = level where x is above half the width, -level where it is below minus that, else as before.

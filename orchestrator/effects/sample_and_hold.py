@@ -9,8 +9,6 @@ from pydantic import Field
 
 from .base import Array, Effect, Numbers, Pure
 
-__all__ = ["SampleAndHold"]
-
 
 class SampleAndHold(Effect):
     """y = x at the latest of the instants start + phase + n period, held until the next. Zero size: 0.

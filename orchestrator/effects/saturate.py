@@ -9,8 +9,6 @@ from pydantic import Field, model_validator
 
 from .base import Array, Effect, Numbers, OfSignal
 
-__all__ = ["Saturate"]
-
 
 class Saturate(Effect):
     """y = x between low and high, and the nearer of them elsewhere. Zero size: no limits."""

@@ -16,8 +16,6 @@ from ..fmi import Causality, Interface, ModelDescription, Variable, load_fmu
 from ..fmi.bundled import find_fmu
 from .single_fmu import instance_name, times_of, written
 
-__all__ = ["starting_config"]
-
 _WIDTH = 110
 
 

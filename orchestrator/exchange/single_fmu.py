@@ -14,8 +14,6 @@ from ..base.errors import ConfigError, FmuError, Problem
 from ..fmi import Interface, ModelDescription, load_fmu
 from .ssp.load import Loaded
 
-__all__ = ["Times", "instance_name", "load_lone_fmu", "times_of", "written"]
-
 # What is taken where no FMU proposes a stop time, or a step size: so many steps over the run.
 _STOP, _STEPS = Fraction(1), 500
 

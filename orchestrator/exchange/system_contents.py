@@ -22,8 +22,6 @@ from ..system.connection import Port
 from ..system.signal_vector import Layout
 from ..system.system import Instance, System
 
-__all__ = ["EFFECTS", "Inside", "Outer", "effect_number", "look_inside", "native_config", "platforms_of"]
-
 _PLATFORMS2 = {"linux64": ("x86_64-linux",), "win64": ("x86_64-windows",)}
 _PLATFORMS3 = ("x86_64-linux", "x86_64-windows", "x86_64-darwin", "aarch64-darwin")
 _MACS = {0x01000007: "x86_64-darwin", 0x0100000C: "aarch64-darwin"}

@@ -14,8 +14,6 @@ from ..translate.package import LOG_CATEGORIES
 from .system_contents import Inside, Outer
 from .system_text import TIME
 
-__all__ = ["describe_system"]
-
 _TYPES3 = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
 # A name in the standard's structured convention: identifiers with indices, joined by dots.
 _STRUCTURED = re.compile(r"[A-Za-z_]\w*(\[\d+(, ?\d+)*\])?(\.[A-Za-z_]\w*(\[\d+(, ?\d+)*\])?)*", re.ASCII)

@@ -25,8 +25,6 @@ from .system_contents import Inside, look_inside, native_config
 from .system_description import describe_system
 from .system_text import system_text
 
-__all__ = ["SystemReport", "export_system_fmu"]
-
 _TOKEN = "{token}"
 # Of an inner FMU; its sources, and what only shows it, stay behind.
 _LEFT_OUT = ("sources", "extra", "terminalsAndIcons", "model.png")

@@ -11,8 +11,6 @@ from ..fmi import Causality, Value, Variable
 from ..system.connection import Connection, Port
 from .system_contents import Inside, Outer, effect_number
 
-__all__ = ["TIME", "system_text"]
-
 TIME = "time"
 """Name of the independent variable, which comes first."""
 

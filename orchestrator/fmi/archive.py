@@ -12,15 +12,6 @@ from pathlib import Path, PurePosixPath
 from ..base.errors import FmuError, listed
 from ..base.temporary_folders import scratch_folder
 
-__all__ = [
-    "LARGEST_EXPANSION",
-    "Unpacked",
-    "binary_folder",
-    "check_document",
-    "check_members",
-    "checked_members",
-]
-
 # Far above any FMU met in practice, and below what fills a disk unnoticed. The sizes that an archive declares
 # bind: zipfile reads no entry beyond its own.
 LARGEST_UNPACKED = 8 * 2**30

@@ -24,8 +24,6 @@ from .run_options import RunOptions
 from .values import Values
 from .variable import Value
 
-__all__ = ["MOST_ITERATIONS", "CompiledInstance", "NativeCalls"]
-
 STATUS = {0: "ok", 1: "warning", 2: "discard", 3: "error", 4: "fatal", 5: "pending"}
 FATAL, PENDING = 4, 5
 # Of discrete states that are to settle.

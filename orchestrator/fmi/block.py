@@ -10,8 +10,6 @@ from typing import Any
 from .instance import Array
 from .variable import Variable
 
-__all__ = ["Block", "Unfit", "check_fit"]
-
 _NOT_WHOLE = (c_bool, c_double, c_float)
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["find_fmu", "find_system", "fmu_forms", "fmu_names", "system_names"]
-
 _PACKAGE = Path(__file__).resolve().parents[1]
 _SYSTEMS = _PACKAGE / "config" / "systems"
 _NATIVE = "-native"

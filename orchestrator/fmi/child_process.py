@@ -16,8 +16,6 @@ from typing import IO
 
 from ..base.temporary_folders import scratch_root
 
-__all__ = ["cause_of_death", "end", "guarded_pipes", "start_child"]
-
 # After which a child that was asked to end is killed [s].
 _SECONDS_TO_END = 5.0
 _START = (

@@ -23,8 +23,6 @@ _UNKNOWN_ATTRIBUTE = re.compile(
     r"(The attribute '[^']*' is not allowed)\.$"
 )
 
-__all__ = ["Capabilities", "ModelDescription", "read_description"]
-
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:

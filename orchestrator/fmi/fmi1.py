@@ -17,8 +17,6 @@ from .instance import Point, StepStatus
 from .library import callbacks1
 from .variable import Value, Variable
 
-__all__ = ["Fmi1Base", "Fmi1Instance"]
-
 _TYPES = {
     "Real": (c_double, "Real"),
     "Integer": (c_int, "Integer"),

@@ -22,8 +22,6 @@ from .instance import Array, Point, StepStatus
 from .library import callbacks_for
 from .variable import Variable
 
-__all__ = ["Fmi2Instance"]
-
 _TYPES = {
     "Real": (c_double, "Real"),
     "Integer": (c_int, "Integer"),

@@ -36,8 +36,6 @@ from .instance import Array, Point, StepStatus
 from .intermediate import Intermediate, Watcher
 from .variable import Kind, Value, Variable
 
-__all__ = ["Fmi3Instance"]
-
 _TYPES: dict[str, tuple[Any, str]] = {
     "Float64": (c_double, "Float64"),
     "Float32": (c_float, "Float32"),

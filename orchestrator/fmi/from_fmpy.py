@@ -12,8 +12,6 @@ from typing import Any
 from ..base.units import Unit, UnitError, parse_unit
 from .variable import Causality, Initial, Kind, Value, Variability, Variable
 
-__all__ = ["elements", "number", "read_units", "read_variable"]
-
 # Elements of larger arrays are no ports; the array is kept whole, and left alone.
 LARGEST_ARRAY = 4096
 

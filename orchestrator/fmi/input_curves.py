@@ -13,8 +13,6 @@ from .instance import Array
 if TYPE_CHECKING:
     from .binary_instance import CompiledInstance
 
-__all__ = ["InputCurves"]
-
 
 class InputCurves:
     """Sets those inputs of one instance that follow a curve, at points within its step."""

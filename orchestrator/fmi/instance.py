@@ -12,16 +12,10 @@ from enum import IntEnum
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..base.arrays import Array
 from .description import ModelDescription
 from .run_options import DEFAULT_TOLERANCE, Interface
 from .variable import Value
-
-__all__ = ["Array", "Fmu", "FmuInstance", "Point", "StepStatus", "integration_tolerance"]
-
-Array = NDArray[np.float64]
 
 
 class Point(NamedTuple):

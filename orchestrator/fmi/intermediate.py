@@ -19,8 +19,6 @@ from .instance import Array
 if TYPE_CHECKING:
     from .binary_instance import CompiledInstance
 
-__all__ = ["Intermediate", "Watcher"]
-
 Watcher = Callable[[float, Array], None]
 
 

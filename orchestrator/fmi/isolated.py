@@ -21,8 +21,6 @@ from .log_file import LogFile, PrintedFile, log_folder
 from .run_options import RunOptions
 from .variable import Value
 
-__all__ = ["IsolatedInstance"]
-
 _LINES_OF_OUTPUT = 10
 
 

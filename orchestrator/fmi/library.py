@@ -37,8 +37,6 @@ from .log_file import LogFile
 from .run_options import Interface
 from .working_directory import returning
 
-__all__ = ["LogBook", "load_library", "release_python_state"]
-
 _LOG_LENGTH = 50
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 

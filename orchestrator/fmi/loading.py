@@ -20,8 +20,6 @@ from .run_options import Interface, RunOptions
 if TYPE_CHECKING:
     from .binary_instance import CompiledInstance
 
-__all__ = ["CompiledFmu", "instance_class", "load_fmu"]
-
 
 class CompiledFmu:
     """A .fmu file; see the Fmu protocol.

@@ -10,8 +10,6 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import IO, BinaryIO
 
-__all__ = ["LOG_FOLDER", "LogFile", "PrintedFile", "clear_logs", "log_folder", "logs_in"]
-
 # Within the folder of a run.
 LOG_FOLDER = "log"
 # Of a file [B].

@@ -9,8 +9,6 @@ from __future__ import annotations
 import os
 import struct
 
-__all__ = ["CALL", "DONE", "ERROR", "NEWS", "STEP", "STEP_HEAD", "VALUE", "receive", "send"]
-
 CALL, STEP = b"C", b"S"
 # Answers: a value, an error, a finished step, a finished step with new log lines.
 VALUE, ERROR, DONE, NEWS = b"V", b"E", b"D", b"N"

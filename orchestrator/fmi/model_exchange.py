@@ -22,8 +22,6 @@ from .run_options import DEFAULT_TOLERANCE
 from .solver import Integrator, Model
 from .variable import Value
 
-__all__ = ["Exchange"]
-
 _MOST_STEPS = 100_000
 # Part of a step within which an event counts as being at its end.
 _CLOSE = 1e-9

@@ -10,8 +10,6 @@ from .binary_instance import MOST_ITERATIONS
 from .fmi1 import Fmi1Base
 from .model_exchange import Exchange
 
-__all__ = ["Fmi1Exchange"]
-
 
 class Fmi1Exchange(Exchange, Fmi1Base):
     """A running FMI 1.0 model-exchange FMU."""

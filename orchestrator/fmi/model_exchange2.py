@@ -10,8 +10,6 @@ from .binary_instance import MOST_ITERATIONS
 from .fmi2 import Fmi2Instance
 from .model_exchange import Exchange
 
-__all__ = ["Fmi2Exchange"]
-
 
 class Fmi2Exchange(Exchange, Fmi2Instance):
     """A running FMI 2.0 model-exchange FMU."""

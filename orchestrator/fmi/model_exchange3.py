@@ -8,8 +8,6 @@ from typing import Any
 from .fmi3 import Fmi3Instance
 from .model_exchange import Exchange
 
-__all__ = ["Fmi3Exchange"]
-
 
 class Fmi3Exchange(Exchange, Fmi3Instance):
     """A running FMI 3.0 model-exchange FMU."""

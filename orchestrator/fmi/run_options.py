@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     pass
 
-__all__ = ["DEFAULT_TOLERANCE", "Interface", "RunOptions"]
-
 # Relative, of the integration of a model-exchange FMU for which nobody names one.
 DEFAULT_TOLERANCE = 1e-6
 

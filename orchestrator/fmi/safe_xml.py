@@ -16,8 +16,6 @@ from xml.parsers import expat
 from ..base.errors import FmuError
 from .archive import check_document, check_members
 
-__all__ = ["parse_markup", "read_markup"]
-
 _REFUSED = "{path}: {name} declares a document type, which {standard} has no use for; refused"
 # Read by fmpy besides the model description.
 _FURTHER = ("sources/buildDescription.xml",)

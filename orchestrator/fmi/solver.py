@@ -13,8 +13,6 @@ from fmpy.sundials.nvector_serial import NV_DATA_S
 
 from ..base.errors import StepError
 
-__all__ = ["Integrator", "Model"]
-
 _ONE_STEP, _ROOT_RETURN = 2, 2
 # fmpy leaves these out.
 _set_stop_time = libraries.sundials_cvode.CVodeSetStopTime

@@ -15,8 +15,6 @@ from .description import ModelDescription
 from .instance import Array
 from .variable import Kind, Value, Variable
 
-__all__ = ["Values"]
-
 
 class Values(ABC):
     """The part of an instance that gets and sets; see the FmuInstance protocol."""

@@ -10,8 +10,6 @@ from typing import Any
 
 from ..base.units import ONE, Unit
 
-__all__ = ["Causality", "Initial", "Kind", "Value", "Variability", "Variable"]
-
 Value = float | int | bool | str | bytes
 
 # As it is commonly written: rounded to single precision it is the largest number there.

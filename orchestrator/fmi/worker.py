@@ -16,8 +16,6 @@ from .child_process import guarded_pipes
 from .instance import Point
 from .log_file import logs_in
 
-__all__ = ["main"]
-
 
 class _UnpackedByParent:
     """An FMU that was unpacked by the process that started this one, and is removed by it."""

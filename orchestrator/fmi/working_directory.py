@@ -11,8 +11,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-__all__ = ["return_to", "returning", "working_directory"]
-
 _LOCK = threading.RLock()
 
 

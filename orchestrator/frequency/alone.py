@@ -11,17 +11,13 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Array
 from ..base.errors import OrchestratorError
 from ..fmi import FmuInstance, Point, StepStatus, Variable
 from ..simulation.grid import Grid
 from ..simulation.run import Prepared
 from ..system.system import Instance
-
-__all__ = ["Alone", "step_all", "usual_size"]
-
-Array = NDArray[np.float64]
 
 # Height of a step, relative to the input's value or its nominal one.
 _HEIGHT = 1e-3

@@ -13,17 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from ..base.arrays import Array, Complex
 from ..base.errors import OrchestratorError
 from .delay_equation import DelayEquation, in_parts
 from .modes import Mode, Modes
 from .statespace import differentiation
-
-__all__ = ["CharacteristicRoots"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _ORDERS = (12, 20, 32, 48)
 _RESIDUAL = 1e-9

@@ -18,6 +18,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from ..base.arrays import Array, Complex
 from ..base.errors import ConfigError, OrchestratorError, Problem
 from ..base.quantities import Measure, quantity
 from ..base.units import parse_unit
@@ -30,11 +31,6 @@ from .over_parameter import STEP, ParameterRange
 from .sampled_system import sampled_system
 from .step_report import resting_roots, with_step
 from .trim import trim
-
-__all__ = ["chart_of", "config_chart"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # Points of a delay in the discretisation that counts roots; how many counts are compared with the highest
 # order, and how many with the argument principle.

@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Chart", "chart_data", "chart_figure", "chart_text"]
-
-Array = NDArray[np.float64]
+from ..base.arrays import Array
 
 
 @dataclass(frozen=True)

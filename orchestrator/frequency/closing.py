@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from ..base.arrays import Array
 from ..base.errors import Problem, listed
 from ..system.connection import Connection
 from .connections import effect_note, effect_path, known_effects
@@ -17,10 +17,6 @@ from .delay_equation import Link
 from .delay_system import FILTER, DelaySystem
 from .inner_delays import InnerDelay
 from .statespace import LateInput, StateSpace
-
-__all__ = ["Chain", "chains_of", "closed_system", "sources"]
-
-Array = NDArray[np.float64]
 
 
 def sources(connection: Connection) -> list[Any]:

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Array
 from ..effects import Effect
 from ..effects.backlash import Backlash
 from ..effects.choose import BUILT_IN, built_in
@@ -23,10 +23,6 @@ from ..effects.rate_limit import RateLimit
 from ..effects.relay import Relay
 from ..effects.sample_and_hold import SampleAndHold
 from ..effects.saturate import Saturate
-
-__all__ = ["Feed", "Path", "effect_note", "effect_path", "known_effects"]
-
-Array = NDArray[np.float64]
 
 
 class Path(NamedTuple):

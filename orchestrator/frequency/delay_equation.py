@@ -14,12 +14,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from ..base.arrays import Array, Complex
 from ..base.errors import ConfigError, OrchestratorError, Problem, listed
-
-__all__ = ["SMALL", "DelayEquation", "Link", "in_parts"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # Neighbouring values on the contour turn by less than this [rad], or more are taken between them.
 _TURN = 0.7

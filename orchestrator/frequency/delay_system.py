@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..base import graph
+from ..base.arrays import Array, Complex
 from ..base.errors import ConfigError, Problem, listed, nearest
 from ..translate.linear_model import as_state_space
 from .characteristic_roots import CharacteristicRoots
@@ -22,11 +23,6 @@ from .refine import minima, zeros
 
 if TYPE_CHECKING:
     import control
-
-__all__ = ["FILTER", "DelaySystem"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # Stands in the names of blocks and links that low-pass filters of connections become.
 FILTER = " filter"

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Array, Complex
 from ..effects import Effect
 from ..effects.backlash import Backlash
 from ..effects.dead_band import DeadBand
@@ -26,11 +26,6 @@ from ..effects.saturate import Saturate
 from ..simulation.run import Prepared
 from .from_system import Linearised
 from .modes import Modes
-
-__all__ = ["LimitCycle", "describing_function", "limit_cycles", "limit_cycles_text"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _KINDS = (Saturate, DeadBand, Backlash, Quantise, RateLimit, Relay)
 # Samples of a period, and periods until a memory has settled.

@@ -12,16 +12,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..base.arrays import Array, Complex
 from .delay_system import DelaySystem
 from .modes import Modes
 from .refine import minima
-
-__all__ = ["DiskMargin", "disk_margin", "sensitivity"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _PEAKS = 4
 _BALANCED = 12

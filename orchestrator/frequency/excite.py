@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..base.arrays import Array
 from ..base.errors import Problem, listed, nearest
 from ..effects import Effect
 from ..fmi import Causality, Point
@@ -26,10 +27,6 @@ from ..system.connection import Connection, Leg, Link, Port, Wire
 from ..system.signal_vector import Layout, Signals
 from ..system.system import System
 from .tones import Measured, Tones
-
-__all__ = ["sweep_system", "with_effect"]
-
-Array = NDArray[np.float64]
 
 
 class _Multisine(Effect):

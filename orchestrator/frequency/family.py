@@ -9,15 +9,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Array
 from ..base.errors import ConfigError, Problem
 from .delay_equation import Link
 from .delay_system import DelaySystem
-
-__all__ = ["Family"]
-
-Array = NDArray[np.float64]
 
 # Points of the interpolation along either axis, and how far it may be off, relative to the largest value.
 _NODES = (2, 3, 5, 9, 16)

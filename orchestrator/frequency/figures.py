@@ -7,14 +7,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from ..base.arrays import Array, Complex
 from ..plotting.figures import COLORS
-
-__all__ = ["bode", "nichols", "nyquist", "participation", "root_map", "sigma", "step_figure"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _GREY = "#666666"
 

@@ -36,10 +36,6 @@ if TYPE_CHECKING:
 
     from ..fmi import FmuInstance
 
-__all__ = ["Law", "LinearPoint", "Linearised", "linearise"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class LinearPoint:

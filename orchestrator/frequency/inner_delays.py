@@ -15,14 +15,11 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from ..base.arrays import Array
 from ..base.errors import OrchestratorError, listed
 from ..fmi import FmuInstance, Point
 from .alone import Alone, step_all, usual_size
 from .statespace import StateSpace, differentiation, linearised, state_names
-
-__all__ = ["InnerDelay", "initial_gains", "inner_delays", "uneven", "with_lines"]
-
-Array = NDArray[np.float64]
 
 # Change of a start value or an input, relative to its value or nominal one.
 _CHANGE = 1e-4

@@ -6,15 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from ..base.arrays import Array
 from ..base.errors import ConfigError, OrchestratorError, Problem
 from .alone import Alone
 from .statespace import LateInput, StateSpace
-
-__all__ = ["MEASURE", "acts", "find_late_input", "idle_together"]
-
-Array = NDArray[np.float64]
 
 _MOST_STEPS = 5_000
 # Samples after the first answer that the delay and the gains are fitted to.

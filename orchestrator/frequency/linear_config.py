@@ -13,8 +13,6 @@ from .from_system import Linearised, linearise
 from .over_parameter import parameter_range
 from .trim import trim
 
-__all__ = ["LinearConfig", "linear_config"]
-
 
 @dataclass(frozen=True, repr=False)
 class LinearConfig(Linearised):

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.errors import ConfigError, Problem, listed
 from ..master.running_instances import Instances
@@ -29,10 +28,6 @@ from .statespace import LateInput, Law, StateSpace, linearised, real_ports, with
 
 if TYPE_CHECKING:
     from ..fmi import FmuInstance
-
-__all__ = ["KnownLaws", "LinearParts", "refusal"]
-
-Array = NDArray[np.float64]
 
 # Laws by instance; a function gives that of a running instance where it stands.
 KnownLaws = Mapping[str, "Law | Callable[[FmuInstance], Law]"]

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Array
 from ..base.errors import OrchestratorError
 from ..simulation.run import Prepared
 from ..system.system import Instance
@@ -23,10 +23,6 @@ from .from_system import Linearised
 from .modes import Mode, Modes
 from .sampled_part import SampledPart, sampled_part
 from .statespace import LateInput
-
-__all__ = ["Unlike", "linearity_text", "unlike_parts"]
-
-Array = NDArray[np.float64]
 
 # Largest motion of an input, relative to its value or nominal one; how many cycles; steps at most.
 _HEIGHT, _CYCLES, _MOST = 1e-3, 2.0, 6000

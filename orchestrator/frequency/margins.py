@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Array
 from .refine import minima, zeros
 
-__all__ = ["FAR", "Crossover", "DelayMargin", "Margins", "borne_delay", "gain_crossovers"]
-
-Array = NDArray[np.float64]
 # Frequencies over the highest of a grid where only the direct feedthrough of a response remains.
 FAR = 1e4 * np.linspace(1.0, 2.0, 64)
 # Eigenvalues of one absolute value, as of a loop that is cut twice, cross together.

@@ -9,15 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from ..base.arrays import Array
 from ..base.errors import OrchestratorError
 from .alone import Alone
 from .statespace import StateSpace
-
-__all__ = ["FIT", "continuous", "measured_part", "realised", "scaled"]
-
-Array = NDArray[np.float64]
 
 _SAMPLES = 48
 # Steps before the input's; the check by half its height takes twice as many, to see what depends on time.

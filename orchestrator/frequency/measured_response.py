@@ -6,15 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..base.arrays import Array
 from ..base.errors import ConfigError, Problem, StepError, listed, nearest
 from ..fmi import Fmu, Point, StepStatus, Value, bundled, load_fmu
 from .tones import Measured, Tones
-
-__all__ = ["sweep"]
-
-Array = NDArray[np.float64]
 
 
 def sweep(

@@ -12,16 +12,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Array
 from ..base.errors import OrchestratorError
 from .alone import Alone
 from .measured_part import FIT, continuous, realised, scaled
 from .statespace import LateInput, Law, StateSpace
-
-__all__ = ["Sampling", "sampled_law", "sampling"]
-
-Array = NDArray[np.float64]
 
 # Short steps in a communication step, and the most communication steps in a sample period.
 _FINE, _LONGEST = 4, 20

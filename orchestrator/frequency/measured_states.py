@@ -12,18 +12,14 @@ from collections.abc import Iterable
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from ..base.arrays import Array
 from ..base.errors import OrchestratorError
 from ..fmi import Initial, Kind, Point
 from ..system.system import Instance
 from .alone import Alone, step_all
 from .measured_part import FIT
 from .statespace import StateSpace
-
-__all__ = ["from_start_values", "start_outputs"]
-
-Array = NDArray[np.float64]
 
 # Change of a start value or an input, relative to its value or nominal one.
 _CHANGE = 1e-4

@@ -18,8 +18,6 @@ from .from_system import Linearised
 from .modes import Modes
 from .statespace import StateSpace
 
-__all__ = ["momentary_roots"]
-
 # A root that changes by more than this share of itself does not hold; ratio of the instants looked at.
 _CHANGED, _RATIO = 0.3, 1.4
 # Communication steps that the run goes on for at most.

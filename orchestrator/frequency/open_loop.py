@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.arrays import Array
 from .delay_system import DelaySystem
 from .disk import disk_margin
 from .margins import Margins
@@ -16,10 +17,6 @@ from .margins import Margins
 if TYPE_CHECKING:
     import control
     from matplotlib.figure import Figure
-
-__all__ = ["OpenLoop"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)

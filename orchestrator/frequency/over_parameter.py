@@ -21,8 +21,6 @@ from .sampled_system import SampledSystem, sampled_system
 from .step_report import resting_roots, with_step
 from .trim import trim
 
-__all__ = ["STEP", "ParameterRange", "over_figure", "over_text", "parameter_range", "stability_over"]
-
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _RANGE = re.compile(rf"({_NUMBER})\s*([^\d.\s][^=]*?)?\s*\.\.\s*({_NUMBER})\s*(.*)\Z")
 # A border is found to this share of the range.

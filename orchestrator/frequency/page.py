@@ -12,8 +12,6 @@ from ..plotting import page as pieces
 from ..plotting.figures import encoded
 from .system_report import later_words
 
-__all__ = ["stability_page"]
-
 # Name of a figure -> what stands below it.
 _CAPTIONS = {
     "bode": "Bode diagram of the open loop at the weakest connection; dashed lines mark crossovers",

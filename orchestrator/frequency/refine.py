@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["minima", "zeros"]
-
-Array = NDArray[np.float64]
+from ..base.arrays import Array
 
 _MOST = 60
 # Points within a bracket of a minimum, and how often they close in.

@@ -13,15 +13,10 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Array, Complex
 from ..base.errors import OrchestratorError
 from .modes import Mode
-
-__all__ = ["Late", "SampledSystem"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _SHOWN = 6
 # Eigenvalues below this size have decayed after a few steps.

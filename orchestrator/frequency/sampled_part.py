@@ -8,15 +8,11 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from ..base.arrays import Array
 from .from_system import Linearised
 from .inner_delays import with_lines
 from .statespace import LateInput, Law, StateSpace
-
-__all__ = ["Part", "SampledPart", "sampled_part"]
-
-Array = NDArray[np.float64]
 
 
 class Part:

@@ -15,6 +15,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Array
 from ..base.errors import ConfigError, Problem
 from ..effects.sample_and_hold import SampleAndHold
 from ..master.extrapolation import weights
@@ -28,10 +29,6 @@ from .from_system import Linearised
 from .sampled_modes import Late, SampledSystem
 from .sampled_part import Part, SampledPart, sampled_part
 from .statespace import Law
-
-__all__ = ["SampledSystem", "sampled_system"]
-
-Array = NDArray[np.float64]
 
 _MOST_ROWS = 50_000
 _MOST_STEPS = 1000

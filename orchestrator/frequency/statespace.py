@@ -11,20 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.arrays import Array
 from ..fmi import Causality, Fmu, FmuInstance, Kind
 from ..system.connection import Port
-
-__all__ = [
-    "LateInput",
-    "Law",
-    "StateSpace",
-    "differentiation",
-    "linearised",
-    "real_ports",
-    "state_names",
-]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

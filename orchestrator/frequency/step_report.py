@@ -18,17 +18,6 @@ from .from_system import Linearised
 from .modes import Mode, Modes
 from .sampled_system import SampledSystem, sampled_system
 
-__all__ = [
-    "at_step",
-    "largest_step",
-    "moving_modes",
-    "pairs",
-    "resting_roots",
-    "step_report",
-    "step_text",
-    "with_step",
-]
-
 # Ratio of neighbouring steps that are looked at, and to what share the border is found.
 _RATIO = 2.0**0.25
 _BORDER = 2e-4

@@ -18,8 +18,6 @@ from .modes import Modes
 from .moving_point import momentary_roots
 from .step_report import step_report, step_text
 
-__all__ = ["later_words", "system_figures", "system_stability", "system_text"]
-
 # A root this near to the imaginary axis, relative to its size or to the largest, counts as on it: measured
 # delays are no more exact than that.
 _BORDER = 1e-7

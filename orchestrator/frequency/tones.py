@@ -16,11 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.arrays import Array
 from ..base.errors import ConfigError, Problem
-
-__all__ = ["Measured", "Tones"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

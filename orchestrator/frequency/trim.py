@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from ..base.arrays import Array
 from ..base.errors import ConfigError, Problem, StepError, listed, nearest
 from ..fmi import Variable
 from ..master.running_instances import instantiate
@@ -20,10 +20,6 @@ from .closing import chains_of
 from .inner_delays import initial_gains
 from .linear_parts import refusal
 from .statespace import StateSpace, linearised, real_ports, state_names
-
-__all__ = ["Trimmed", "TrimmedState", "trim", "trim_text"]
-
-Array = NDArray[np.float64]
 
 # A rate counts as none below this share of what a change of the states by their own size would make of it.
 _AT_REST = 1e-9

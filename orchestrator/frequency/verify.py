@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Array
 from ..base.errors import ConfigError, OrchestratorError, Problem
 from ..effects.base import Effect
 from ..simulation.run import Prepared, prepare, run
@@ -27,10 +27,6 @@ from .from_system import Linearised
 from .modes import Mode
 from .sampled_system import sampled_system
 from .step_report import at_step, moving_modes, pairs, resting_roots
-
-__all__ = ["verified", "verify_text"]
-
-Array = NDArray[np.float64]
 
 # Samples of a period, or of the time constant of a real root, and how many are taken.
 _DENSITY = 24

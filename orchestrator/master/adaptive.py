@@ -20,8 +20,6 @@ from .estimates import Attempt, Estimate, create_estimate, tolerance_problems
 from .rates import slow
 from .running_instances import Instances
 
-__all__ = ["Adaptive"]
-
 _BASES = ("gauss-seidel", "jacobi", "iterative")
 # Of the proportional-integral controller (Gustafsson), each over the order of the error; how close to the
 # tolerance it aims; how much a step may shrink or grow at once.

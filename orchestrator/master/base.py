@@ -18,20 +18,6 @@ from ..system.system import System
 from .energy import Step
 from .running_instances import Instances
 
-__all__ = [
-    "DONE",
-    "Master",
-    "MasterAlgorithm",
-    "StepInfo",
-    "create_master",
-    "ended",
-    "failure",
-    "master_class",
-    "master_names",
-    "need_rollback",
-]
-
-
 _BEYOND = (
     "The model leaves the range in which it has values: look at its parameters, start values and inputs, and "
     "at the stability of the system."

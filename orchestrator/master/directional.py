@@ -10,8 +10,6 @@ from ..fmi import Array, Kind
 from ..system.connection import Connection, Port
 from .running_instances import Instances
 
-__all__ = ["sweep_slope"]
-
 
 def sweep_slope(
     instances: Instances, order: tuple[int, ...], torn: tuple[Port, ...]

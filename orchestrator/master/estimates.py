@@ -20,8 +20,6 @@ from .energy import Before, Books, Step
 from .extrapolation import predicted
 from .running_instances import Instances
 
-__all__ = ["Attempt", "Estimate", "allowed_energy", "create_estimate", "tolerance_problems"]
-
 Tolerance = float | str | Mapping[str, str]
 # Steps a part with the base, from signals: time, size.
 Take = Callable[[Signals, float, float], tuple[Signals, StepInfo]]

@@ -18,8 +18,6 @@ from .base import Master
 from .rates import slow_with_extrapolation
 from .running_instances import Curve, Instances
 
-__all__ = ["Extrapolating", "Extrapolation", "predicted", "weights"]
-
 
 class Extrapolating(Master):
     """Base of the masters that step every instance once, and may extrapolate what feeds it."""

@@ -9,8 +9,6 @@ from .base import DONE, StepInfo, failure
 from .extrapolation import Extrapolating, Extrapolation
 from .running_instances import Instances
 
-__all__ = ["GaussSeidel"]
-
 
 class GaussSeidel(Extrapolating):
     """Inputs hold the source's value from the end of the step if it has stepped already, else from the start.

@@ -23,8 +23,6 @@ from .directional import sweep_slope
 from .rates import slow
 from .running_instances import Curve, Instances
 
-__all__ = ["Iterative"]
-
 
 @dataclass(frozen=True)
 class Block:

@@ -9,8 +9,6 @@ from .base import DONE, StepInfo, failure
 from .extrapolation import Extrapolating, Extrapolation
 from .running_instances import Instances
 
-__all__ = ["Jacobi"]
-
 
 class Jacobi(Extrapolating):
     """Every input holds its source's value from the beginning of the step, or follows its extrapolation.

@@ -13,8 +13,6 @@ from ..system.connection import Port
 from ..system.signal_vector import Layout, Wired
 from ..system.system import System
 
-__all__ = ["NonFiniteSources"]
-
 
 class NonFiniteSources:
     """Names the source of numbers that are not finite."""

@@ -6,8 +6,6 @@ from ..base.errors import Problem
 from ..config import Places
 from ..system.system import System
 
-__all__ = ["slow", "slow_with_extrapolation"]
-
 
 def slow(system: System, what: str, places: Places | None) -> list[Problem]:
     """Problems of instances whose step is longer than the communication step, for a master that `what`."""

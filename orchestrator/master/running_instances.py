@@ -23,8 +23,6 @@ from ..system.signal_vector import Layout, Signals, Wired
 from ..system.system import System
 from .nonfinite import NonFiniteSources
 
-__all__ = ["Curve", "Instances", "instantiate"]
-
 # Part of a step within which an end of the simulation counts as being at the step's end.
 _CLOSE = 1e-9
 

@@ -14,18 +14,6 @@ from matplotlib.figure import Figure
 
 from ..results.recorders import Results
 
-__all__ = [
-    "COLORS",
-    "draw_coupling",
-    "draw_overlaid",
-    "draw_points",
-    "draw_punctuality",
-    "draw_signals",
-    "encoded",
-    "save",
-    "svg",
-]
-
 # Okabe and Ito's palette: distinguished with any colour vision, and dark enough on white.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _DASHES = ("-", "--", ":", "-.")

@@ -10,8 +10,6 @@ from ..plotting.figures import draw_overlaid, draw_signals, svg
 from ..plotting.page import SignalStore, note
 from ..results.recorders import Results
 
-__all__ = ["HELP", "coupling_charts", "run_charts", "shared_charts"]
-
 HELP = (
     "Drag to zoom, shift-drag to pan, wheel to zoom at the pointer, double click or 0 for everything; values "
     "at the cursor stand in the legend, whose names switch signals on and off. All plots share one time axis."

@@ -16,8 +16,6 @@ from ..config import Config, load_config
 from ..results.measures import ChosenMeasure, choose_measures
 from ..results.recorders import Results, read_results
 
-__all__ = ["RunFolder", "State", "is_run", "read_run"]
-
 _RESULTS = ("results.arrow", "results.csv")
 
 

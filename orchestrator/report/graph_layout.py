@@ -13,8 +13,6 @@ from dataclasses import dataclass, field
 
 from ..base.graph import levels
 
-__all__ = ["Box", "Drawing", "Net", "Node", "Wire", "lay_out"]
-
 # Measures of the drawing [px]: of a letter, a port's line, a box's head and what stands between things.
 LETTER, LINE, HEAD = 6.7, 19.0, 42.0
 _TRACK, _MARGIN, _GAP, _LANE = 10.0, 16.0, 26.0, 11.0

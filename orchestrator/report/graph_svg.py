@@ -10,8 +10,6 @@ from typing import Any
 from ..config.models import ConnectionModel, SystemModel
 from .graph_layout import HEAD, LETTER, LINE, Box, Drawing, Node, Wire, lay_out
 
-__all__ = ["Link", "draw_graph", "links_of"]
-
 # Larger systems make no drawing that anybody reads.
 _MOST_NODES, _MOST_WIRES = 40, 160
 _COLORS = 7

@@ -11,8 +11,6 @@ from ..base.errors import ConfigError, OrchestratorError, Problem, listed
 from .folder import is_run, read_run
 from .run_page import BUDGET
 
-__all__ = ["NAME", "left_out", "page_name", "report"]
-
 # Of the page, where it is not named.
 NAME = "report.html"
 

@@ -9,8 +9,6 @@ from typing import Any
 from ..base.text_tables import OWN
 from ..plotting.page import table
 
-__all__ = ["KeyNumber", "coupling_table", "key_numbers", "measure_tables", "spelt"]
-
 
 @dataclass(frozen=True)
 class KeyNumber:

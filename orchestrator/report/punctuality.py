@@ -8,8 +8,6 @@ from typing import Any
 from ..plotting.figures import draw_punctuality, svg
 from ..plotting.page import details, figure, heading, note, table
 
-__all__ = ["punctuality"]
-
 _TIMES = {"latency": "from deadline to begin of step", "busy": "from begin to end of step"}
 _COUNTS = {
     "steps": "steps that had a deadline",

@@ -28,8 +28,6 @@ from .graph_svg import draw_graph, links_of
 from .numbers import KeyNumber, coupling_table, key_numbers, measure_tables, spelt
 from .punctuality import punctuality
 
-__all__ = ["BUDGET", "measured", "page", "sentence", "verdict"]
-
 # What the signals may take in a page by default [B], and the part of it that the coupling's energies take.
 BUDGET = 8_000_000
 _COUPLING = 0.2

@@ -13,8 +13,6 @@ from .folder import RunFolder, State
 from .numbers import measure_tables, spelt
 from .run_page import BUDGET, measured, sentence
 
-__all__ = ["page"]
-
 
 def page(runs: Sequence[RunFolder], budget: int = BUDGET, notes: Sequence[str] = ()) -> str:
     """The page as HTML.

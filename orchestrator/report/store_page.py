@@ -12,8 +12,6 @@ from typing import Any
 from ..plotting.figures import draw_points, svg
 from ..plotting.page import SignalStore, details, document, heading, note, provenance, table
 
-__all__ = ["SweepTable", "page", "page_of_tables"]
-
 # A page shows so many points, and so many charts; beyond, the store itself answers.
 _MOST_ROWS, _MOST_CHARTS = 5_000, 12
 # Points that differ in the other values as well get a line each, up to so many.

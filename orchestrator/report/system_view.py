@@ -19,8 +19,6 @@ from ..system.si_numbers import in_config_units
 from ..translate.linear_model import is_linear, kept_fmu
 from .graph_svg import draw_graph
 
-__all__ = ["InstanceView", "ParameterView", "System", "SystemGraph"]
-
 
 @dataclass(frozen=True)
 class ParameterView:

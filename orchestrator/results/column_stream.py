@@ -19,8 +19,6 @@ from numpy.typing import DTypeLike, NDArray
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["StreamWriter", "StreamedColumns", "arrow_column", "numpy_column", "typed"]
-
 Array = NDArray[Any]
 _END = b"\xff\xff\xff\xff\0\0\0\0"  # how an Arrow stream ends
 # Blocks of a multiple of so many rows fill whole 64-byte words in every type, flags included.

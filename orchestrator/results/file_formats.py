@@ -22,23 +22,6 @@ if TYPE_CHECKING:
     import h5py
     import pyarrow as pa
 
-__all__ = [
-    "ABOUT",
-    "FORMATS",
-    "TIME",
-    "Recorded",
-    "blocks",
-    "check_formats",
-    "read",
-    "strict",
-    "write",
-    "write_arrow",
-    "write_csv",
-    "write_hdf5",
-    "write_mat",
-    "write_parquet",
-]
-
 Array = NDArray[Any]
 FORMATS = ("arrow", "csv", "parquet", "mat", "h5")
 TIME = "time"

@@ -17,19 +17,6 @@ from .recorders import Results
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    "COMPARISONS",
-    "FIGURES",
-    "ChosenMeasure",
-    "Measure",
-    "changes",
-    "choose_measures",
-    "judge_measures",
-    "measure_class",
-    "measure_names",
-    "signal_changes",
-]
-
 
 class Measure(Protocol):
     """A way to look at results.

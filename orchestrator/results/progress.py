@@ -11,8 +11,6 @@ from typing import Any, TextIO
 from ..fmi import Array, Point
 from ..system.signal_vector import Signals
 
-__all__ = ["Progress", "counting"]
-
 _EVERY = 64
 _SECONDS_UNTIL_SHOWN = 2.0
 

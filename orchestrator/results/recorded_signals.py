@@ -18,8 +18,6 @@ from .column_stream import StreamedColumns
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["Results"]
-
 # What is no larger than this is read into memory whole [B].
 _SMALL = 64 << 20
 

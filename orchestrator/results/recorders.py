@@ -20,8 +20,6 @@ from . import file_formats as formats
 from .column_stream import StreamedColumns, StreamWriter, typed
 from .recorded_signals import Results
 
-__all__ = ["Recorder", "Results", "load", "read_results"]
-
 _SECONDS_PER_FLUSH = 1.0
 # Rows that are gathered before they go on; half as many of wide systems. StreamWriter likes such numbers.
 _ROWS, _WIDE = 1024, 128

@@ -16,8 +16,6 @@ from ..config.base import seconds
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Signal"]
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Signal(NDArrayOperatorsMixin):

@@ -8,8 +8,6 @@ from typing import Any
 from ..base.errors import listed, nearest
 from ..base.text_tables import html_table
 
-__all__ = ["Summary"]
-
 
 class Summary(dict[str, Any]):
     """Numbers and texts of a run by name, as in summary.json: `summary["run"]["steps"]`, `summary.run.steps`.

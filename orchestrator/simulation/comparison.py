@@ -15,8 +15,6 @@ from .run import Prepared, prepare, run
 from .run_folder import folder_at
 from .run_result import RunResult
 
-__all__ = ["run_each"]
-
 
 def run_each(
     configs: Sequence[str | Path | Config],

@@ -14,8 +14,6 @@ from ..config import RunModel
 from ..config.base import exact_time
 from ..fmi import Array, Point
 
-__all__ = ["MOST_STEPS", "Grid", "time_problems"]
-
 
 def time_problems(
     run: RunModel, place: str = "run", knows: Callable[[str], bool] = lambda key: True

@@ -24,8 +24,6 @@ from .native import choose_loop, schedule
 from .pacing import Pace
 from .whole_numbers import WholeNumbers
 
-__all__ = ["BlockObserver", "Observer", "Report", "simulate"]
-
 Observer = Callable[[Point, Signals], None]
 
 

@@ -15,8 +15,6 @@ from ..base.histogram import Histogram
 from ..config import RealtimeModel
 from ..config.base import exact_time
 
-__all__ = ["Pace"]
-
 # No sleep is longer, so that an interrupt is noted soon [ns].
 _LONGEST_SLEEP = 50_000_000
 

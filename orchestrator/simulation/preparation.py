@@ -18,8 +18,6 @@ from ..system.assembly import Judged, judge_system
 from ..system.system import System
 from .grid import Grid, time_problems
 
-__all__ = ["Judgement", "Prepared", "judge", "prepare"]
-
 # Beyond which a run is announced as long: of slow FMUs so many steps take hours.
 _MANY_STEPS = 10_000_000
 

@@ -29,8 +29,6 @@ from .preparation import Prepared, prepare
 from .run_folder import begin_folder, folder_at, incomplete, write_run
 from .run_result import RunResult
 
-__all__ = ["Prepared", "instance_fmus", "prepare", "run"]
-
 # What a run that writes to no folder may keep in memory [B].
 _IN_MEMORY = 256 << 20
 _PACKAGES = ("orchestrator", "fmpy", "numpy", "pydantic", "PyYAML")

@@ -18,8 +18,6 @@ from ..results.measures import FIGURES
 if TYPE_CHECKING:
     from .run_result import RunResult
 
-__all__ = ["begin_folder", "folder_at", "incomplete", "write_run"]
-
 # What a run writes, the config aside. Its figures are those that it draws itself, and its measures'.
 _WRITTEN = (
     "summary.json",

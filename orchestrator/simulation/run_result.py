@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from .preparation import Prepared
 
-__all__ = ["RunResult", "read_run"]
-
 
 @dataclass(repr=False)
 class RunResult:

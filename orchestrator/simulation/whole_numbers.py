@@ -8,8 +8,6 @@ from ..fmi import Array, Point
 from ..master.running_instances import Instances
 from ..system.signal_vector import Signals
 
-__all__ = ["WholeNumbers"]
-
 # Above this not every whole number is a float of 64 bits.
 _FIRST = float(2**53)
 _TYPES = ("Int64", "UInt64")

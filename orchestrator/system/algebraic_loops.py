@@ -14,8 +14,6 @@ from ..fmi import Kind
 from .connection import Connection, Port
 from .system import Instance, port_graph
 
-__all__ = ["Loops", "algebraic_loops", "loop_problem"]
-
 
 @dataclass
 class Loops:

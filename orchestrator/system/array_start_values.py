@@ -9,8 +9,6 @@ from ..base.errors import Problem
 from ..config import Places, Scalar
 from ..fmi import ModelDescription, Variable
 
-__all__ = ["each_element", "elementwise"]
-
 
 def elementwise(
     instance: str,

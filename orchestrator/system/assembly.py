@@ -21,8 +21,6 @@ from .power_bonds import Bond, declared_bonds, find_bonds
 from .start_values import inputs_with_unreadable_start, remarks, resolve_start_values
 from .system import Instance, System
 
-__all__ = ["Judged", "Part", "assemble_instances", "judge_system"]
-
 
 @dataclass(frozen=True)
 class Judged:

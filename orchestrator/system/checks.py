@@ -26,18 +26,6 @@ from ..fmi import (
 from .connection import Port
 from .system import Instance
 
-__all__ = [
-    "connection",
-    "dependencies",
-    "end",
-    "in_range",
-    "integration",
-    "recordable",
-    "shared_process",
-    "start_value",
-    "step_size",
-]
-
 
 def connection(
     source: Port,

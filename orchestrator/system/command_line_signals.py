@@ -15,8 +15,6 @@ from ..fmi import Causality
 from .external import read_header
 from .instance_models import Part, configured_instances
 
-__all__ = ["requested"]
-
 # The instance that plays a file back.
 _NAME = "input"
 

@@ -12,8 +12,6 @@ from ..effects import Effect
 if TYPE_CHECKING:
     pass
 
-__all__ = ["Connection", "Leg", "Link", "Port", "Wire"]
-
 
 class Port(NamedTuple):
     """A variable of an instance."""

@@ -19,8 +19,6 @@ from ..fmi import Causality, Kind, ModelDescription
 from . import checks
 from .connection import Connection, Leg, Link, Port, Wire
 
-__all__ = ["Ends", "connect", "elements", "intended_inputs"]
-
 
 @dataclass(frozen=True)
 class Ends:

@@ -15,8 +15,6 @@ from ..fmi import Array, FmuInstance, Value
 from .connection import Connection, Port
 from .system import System
 
-__all__ = ["not_converged", "settle"]
-
 # Of the relative residuals of loops: what rounding leaves of a loop gain of some thousands.
 _TOLERANCE = 1e-12
 _ITERATIONS = 50

@@ -15,8 +15,6 @@ from ..fmi import Causality, CompiledFmu, Fmu, Interface, RunOptions, Variabilit
 from .connections import Ends
 from .external import SUFFIX, ExternalFmu, SignalFmu, targets_of
 
-__all__ = ["ConfiguredInstances", "Part", "configured_instances"]
-
 
 @dataclass(frozen=True)
 class Part:

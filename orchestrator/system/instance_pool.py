@@ -9,8 +9,6 @@ from ..base.errors import OrchestratorError
 from ..fmi import FmuInstance
 from .system import Instance
 
-__all__ = ["InstancePool"]
-
 
 class InstancePool:
     """Instances that are reset after a run and reused by the next, instead of being loaded again.

@@ -16,8 +16,6 @@ from ..fmi import Kind, Variable
 if TYPE_CHECKING:
     from .connection import Connection, Port
 
-__all__ = ["Bond", "declared_bonds", "find_bonds", "moves_by"]
-
 # Effort, flow, and the displacement whose rate the flow is.
 _DOMAINS = tuple(
     tuple(parse_unit(text) for text in row)

@@ -13,8 +13,6 @@ from ..fmi import Array
 from .connection import Connection, Port
 from .signal_vector import Layout, Wired
 
-__all__ = ["RunningConnections"]
-
 
 class RunningConnections:
     """Evaluates the connections with effects of a layout.

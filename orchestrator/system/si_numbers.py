@@ -16,8 +16,6 @@ from ..effects.choose import with_units
 from ..fmi import Variable
 from .instance_models import configured_instances
 
-__all__ = ["SiNumbers", "in_config_units"]
-
 _TIMES = ("start_time", "stop_time", "step_size")
 
 

@@ -15,8 +15,6 @@ from ..fmi import Array, Kind
 from .connection import Connection, Leg, Port, Wire
 from .system import System
 
-__all__ = ["Layout", "Signals", "Wired"]
-
 _DOUBLES = ("Real", "Float64")
 
 

@@ -13,8 +13,6 @@ from .connection import Port
 from .instance_models import Part
 from .system import Instance
 
-__all__ = ["inputs_with_unreadable_start", "remarks", "resolve_start_values"]
-
 
 def inputs_with_unreadable_start(part: Part, gaps: Gaps) -> set[str]:
     """Inputs of an instance whose start value cannot be read, or is probably given under a misspelt name."""

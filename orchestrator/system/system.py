@@ -15,8 +15,6 @@ from ..fmi import Fmu, Value, Variable
 from .connection import Connection, Port
 from .power_bonds import Bond
 
-__all__ = ["Instance", "System", "port_graph"]
-
 
 @dataclass(frozen=True)
 class Instance:

@@ -11,8 +11,6 @@ from ...fmi import Array, Kind
 from .finding import Finding, Level, Verdict, failed, passed
 from .trial import Trial
 
-__all__ = ["determinism", "halving", "pair", "reset", "runs", "serialisation", "state", "values"]
-
 # Below this part of an output's range a difference is rounding.
 _ROUNDING = 1e-12
 # Below this part of its size an output has no range.

@@ -19,8 +19,6 @@ from .search import Refused
 from .trial import Conditions
 from .validate import usable_conditions
 
-__all__ = ["bench_fmus"]
-
 _TIME_LIMIT = 120.0
 
 

@@ -14,8 +14,6 @@ from ...simulation.native.foreign_calls import (
     call_fmi3_values,
 )
 
-__all__ = ["GET", "SET", "STEP", "run", "tables"]
-
 SET, STEP, GET = 1, 2, 4
 _FUNCTION, _REFERENCES, _COUNT, _VALUES, _VALUE_COUNT = range(5)
 

@@ -11,9 +11,6 @@ from typing import Any
 from ...base.errors import FmuError, StepError
 from .trial import Ended, Trial
 
-__all__ = ["REQUESTS"]
-
-
 # Of a round [ns]: long against the clock's grain, short against what else the machine does.
 _ROUND = 20_000_000
 

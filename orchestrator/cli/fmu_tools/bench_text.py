@@ -8,8 +8,6 @@ from typing import Any
 
 from .text import rows_text
 
-__all__ = ["bench_text"]
-
 
 def bench_text(found: Mapping[str, Any]) -> str:
     """Medians with their spread; ratios of the first FMU to the others."""

@@ -6,8 +6,6 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-__all__ = ["Image", "is_system_library", "platform_names", "read_images", "wanted_images"]
-
 # Folder under binaries/ -> kind and architectures at least one of them must be there.
 _PLATFORMS = {
     "win32": ("PE", ("x86",)),

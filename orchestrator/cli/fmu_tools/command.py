@@ -12,8 +12,6 @@ from typing import Any
 from ...base.errors import ConfigError, FmuError, Problem, nearest
 from ...fmi.bundled import find_fmu, fmu_names
 
-__all__ = ["add_arguments", "main"]
-
 _EXIT_CODES = """exit codes:
   0    nothing to complain of
   1    validate: findings of level error; compare: not interchangeable, or beyond --tolerance

@@ -14,8 +14,6 @@ from .search import Refused, usable
 from .stimulus import stimulus
 from .trial import Conditions, Ended, Trial, fmu_for_trial
 
-__all__ = ["Comparison", "Difference", "compare_fmus"]
-
 _ATTRIBUTES = ("causality", "variability", "kind", "unit_name", "start", "minimum", "maximum", "nominal")
 _CALL_LIMIT = 60.0  # [s]
 

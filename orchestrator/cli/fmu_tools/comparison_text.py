@@ -9,8 +9,6 @@ from typing import Any
 from .comparison import Comparison
 from .text import rows_text
 
-__all__ = ["comparison_text"]
-
 
 def comparison_text(found: Comparison, paths: Sequence[Path]) -> str:
     """What they declare otherwise, and the largest difference of each output."""

@@ -16,8 +16,6 @@ from ...fmi.archive import binary_folder, checked_members
 from .binaries import Image, is_system_library, platform_names, read_images
 from .functions import core_functions, exported_name, fmi_functions
 
-__all__ = ["Binary", "binaries", "inspect_fmu"]
-
 _LIBRARIES = (".so", ".dll", ".dylib")
 _SHOWN = (Causality.INPUT, Causality.OUTPUT, Causality.PARAMETER, Causality.CALCULATED_PARAMETER)
 

@@ -13,8 +13,6 @@ from .binaries import wanted_images
 from .contents import Binary, binaries
 from .finding import Finding, Level, Verdict, failed, passed
 
-__all__ = ["declared_checks", "library_can_run"]
-
 
 def declared_checks(path: Path, description: ModelDescription) -> list[Finding]:
     """All findings that need no running. Raises: FmuError if the archive cannot be read."""

@@ -6,8 +6,6 @@ from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
 
-__all__ = ["Finding", "Level", "Verdict", "failed", "passed"]
-
 
 class Verdict(StrEnum):
     """How a check ended."""

@@ -8,8 +8,6 @@ from functools import lru_cache
 
 from ...fmi import Interface
 
-__all__ = ["core_functions", "exported_name", "fmi_functions"]
-
 # Without these an FMU cannot be run by any master; of the others many masters need none.
 _CORE = {
     ("1", Interface.CO_SIMULATION): (

@@ -24,8 +24,6 @@ from . import robustness as abuse
 from .finding import Finding, Level, Verdict, failed
 from .trial import Conditions, Ended, Trial, fmu_for_trial
 
-__all__ = ["CHECKS", "Broken", "Laboratory", "main"]
-
 CHECKS: dict[str, Callable[[Trial], Finding]] = {
     "run": behaviour.runs,
     "values": behaviour.values,

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-__all__ = ["plain"]
-
 
 def plain(value: Any) -> Any:
     """What is neither a number nor a text becomes one; JSON has no NaN and no infinity: they become texts."""

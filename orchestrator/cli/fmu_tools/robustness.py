@@ -15,8 +15,6 @@ from ...fmi.loading import load_fmu
 from .finding import Finding, Level, Verdict, failed, passed
 from .trial import Ended, Trial
 
-__all__ = ["ILLEGAL", "infinite_inputs", "nan_inputs", "wrong_token"]
-
 _NOWHERE = 4_294_967_290
 
 

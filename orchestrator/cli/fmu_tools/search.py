@@ -7,8 +7,6 @@ from dataclasses import replace
 
 from .trial import Conditions
 
-__all__ = ["Refused", "usable"]
-
 # Where an FMU names no step size: that of control loops, then a sampled component's likely ones [s].
 _STEPS = (1e-3, 5e-4, 1e-4, 1e-2, 0.1, 1.0)
 # An FMU may refuse inputs far from its start values: smaller ones are tried, and at last none.

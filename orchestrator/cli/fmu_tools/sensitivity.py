@@ -10,8 +10,6 @@ from ...fmi import Array, Interface, Kind
 from .finding import Finding, Level, Verdict, failed, passed
 from .trial import Trial
 
-__all__ = ["dependencies", "derivatives"]
-
 _MOST_INPUTS = 100
 # Of the nominal value: a change to see dependencies by, and one for differences.
 _NUDGE, _DIFFERENCE = 0.1, 1e-5

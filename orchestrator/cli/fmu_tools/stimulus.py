@@ -8,8 +8,6 @@ import numpy as np
 
 from ...fmi import Array, Kind, Variable
 
-__all__ = ["stimulus"]
-
 _WAVES = 4
 # Whole periods over a trajectory: steps resolve the fastest well.
 _FASTEST = 5

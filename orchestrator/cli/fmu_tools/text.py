@@ -9,8 +9,6 @@ from typing import Any
 from ...base.errors import listed
 from .finding import Finding, Level, Verdict
 
-__all__ = ["finding_line", "inspection_text", "rows_text", "verdicts_line"]
-
 _MOST_ROWS = 60
 _MOST_NAMES = 6
 _MARKS = {

@@ -24,8 +24,6 @@ from ...fmi import (
 )
 from .stimulus import stimulus
 
-__all__ = ["Conditions", "Ended", "Trial", "fmu_for_trial", "signals_of", "step_size_of"]
-
 # Steps that make a trajectory.
 _FEWEST = 4
 _MOST_SIGNALS = 200

@@ -13,8 +13,6 @@ from .guarded_checks import CHECKS, Broken, Laboratory
 from .search import Refused, usable
 from .trial import Conditions
 
-__all__ = ["TIME_LIMIT", "has_errors", "usable_conditions", "validate_fmu"]
-
 TIME_LIMIT = 60.0
 
 

@@ -9,15 +9,12 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from ...base.arrays import Array
 from .draw import draw
 from .hidden import Sizes, choices, outside, scaled
 from .plant import Acting, Drawn, Drive, Lost, Plant
 
-__all__ = ["CLEAR", "RUNS", "Case", "Draft", "drawn", "driven", "make", "write_study", "write_system"]
-
-Array = NDArray[np.float64]
 Random = np.random.Generator
 CLEAR = 3.0
 """A hidden law is clear if what no calibration removes of it is this many times the noise."""

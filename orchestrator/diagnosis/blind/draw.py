@@ -11,8 +11,6 @@ import numpy as np
 
 from .parts import PARTS, Part
 
-__all__ = ["Drawing", "draw"]
-
 Random = np.random.Generator
 Leg = tuple[str, str, float]
 _MOST, _LEAST = 8, 2

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Array
 from ...base.errors import ConfigError, Problem, StepError
 from ...config.text import dump
 from ...effects import Effect
@@ -34,9 +34,6 @@ from ..unknown_input.played import PlayedModel
 from .cases import RUNS, Draft, driven
 from .plant import Acting, Drive, Integrated, Lost
 
-__all__ = ["Given", "given"]
-
-Array = NDArray[np.float64]
 # Laws that act on one another are evaluated so often.
 _PASSES = 3
 # Of a config without a study: tolerance of parameters, spread of start values, samples until its stop time.

@@ -8,14 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Array
 from ...base.units import UnitError, parse_unit
 from .plant import Acting, Plant
 
-__all__ = ["Sizes", "choices", "named", "outside", "renamed", "scaled"]
-
-Array = NDArray[np.float64]
 _FORCES, _RATES, _TRAVELS = ("N", "N.m"), ("m/s", "rad/s"), ("m", "rad")
 _STEFAN = 5.670374419e-8
 Random = np.random.Generator

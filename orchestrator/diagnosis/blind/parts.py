@@ -6,8 +6,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-__all__ = ["PARTS", "Part", "controller"]
-
 Values = Sequence[float]
 Function = Callable[[Values, Values, Values], tuple[float, ...]]
 

@@ -9,15 +9,12 @@ from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+from ...base.arrays import Array
 from .draw import Drawing
 
-__all__ = ["Acting", "Drawn", "Drive", "Integrated", "Lost", "Plant"]
-
-Array = NDArray[np.float64]
 # Relative tolerance of the solver; absolute ones are this share of each state's size.
 _RELATIVE = 1e-8
 # Evaluations of the plant after which a simulation is given up.

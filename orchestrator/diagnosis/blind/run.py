@@ -18,8 +18,6 @@ from .parts import PARTS
 from .plant import Drawn, Lost
 from .score import Scored, scored, summary, summary_text
 
-__all__ = ["Order", "check"]
-
 _TRUTH, _VERDICT, _SCORE = "truth.json", "verdict.json", "score.json"
 
 

@@ -13,8 +13,6 @@ from .cases import Case
 from .hidden import renamed
 from .plant import Lost
 
-__all__ = ["GOALS", "Scored", "calibration_error", "scored", "summary", "summary_text"]
-
 GOALS = {
     "place": ">= 0.95", "law": ">= 0.85", "family": ">= 0.93", "two laws": ">= 0.6",
     "outside recognised": ">= 0.8", "false alarms": "<= 0.03", "calibration error": "<= 0.06",

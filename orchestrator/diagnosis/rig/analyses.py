@@ -10,8 +10,6 @@ from typing import Any
 from .finding import Finding
 from .study import Study
 
-__all__ = ["Analyses"]
-
 # Imported when a diagnosis is made: they bring machine code along.
 _HOME = {
     "weigh": "weigh:weigh",

@@ -14,8 +14,6 @@ from .software import ControllerReplay, DynamicsReplay
 from .stochastic import Noise
 from .study import Role, Study
 
-__all__ = ["REPLAYS", "Answer", "Group", "complete", "simplest", "strongest", "tied", "weigh_software"]
-
 REPLAYS = dict(zip(SOFTWARE, (DynamicsReplay, ControllerReplay), strict=True))
 # Effects whose log evidence differs by less [nats], and whose fitted replays data like these would hardly
 # separate, cannot be distinguished.

@@ -17,8 +17,6 @@ from .model import RigModel
 from .shapes import ONE_BY_ONE, force_shapes, motion_shapes
 from .study import Array
 
-__all__ = ["any_law"]
-
 # Sizes that such a law may have, in standard deviations of the noise, all about as likely beforehand.
 _SIZES = 0.02 * 2.0 ** np.arange(12)
 

@@ -25,8 +25,6 @@ from .model import apply_changes, begin_state, nominal_parameters
 from .rig import Calibrated, State
 from .study import UNITS, Array, Role, Run, Study
 
-__all__ = ["STEP", "SYSTEM", "AugmentedConfig", "augmented_config", "is_docking_lab"]
-
 SYSTEM = "docking-lab"
 # Communication steps per tick, as in the bundled system: 0.2 ms at a tick of 1 ms.
 STEP = 5

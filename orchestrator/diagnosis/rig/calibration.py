@@ -17,18 +17,6 @@ from scipy.special import logsumexp
 from .residual_evidence import ResidualEvidence
 from .study import Array
 
-__all__ = [
-    "FILE",
-    "LEAVES",
-    "SET",
-    "Calibration",
-    "Table",
-    "Weighable",
-    "calibration",
-    "own_gains",
-    "strength",
-]
-
 # Log evidence of more is none of an effect's form: the model without it ran away [nats].
 _RUNAWAY = 1e6
 # Of an effect on which nothing was learned, see `Calibration.leaves`.

@@ -12,8 +12,6 @@ from typing import TypeVar
 from ...base.errors import ConfigError, Problem
 from .effect import Effect
 
-__all__ = ["ENTRY_POINTS", "SOFTWARE", "catalogue", "in_words", "installed", "of_hardware"]
-
 _Kind = TypeVar("_Kind")
 
 # A package adds an effect by an entry point of this group that names an Effect.

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from .headline import listed_or, percent
 from .verdict import Diagnosis
 
-__all__ = ["caveats"]
-
 # The gap clearly shows at a place that has this share of it, and so many times that of any place named.
 _MOST, _TIMES = 0.5, 2.0
 # Closures that differ by less count as equal; tolerances by which a number must deviate to be named.

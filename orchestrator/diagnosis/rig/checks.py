@@ -12,8 +12,6 @@ from .consistency import check_columns
 from .motion import STOP, contacts
 from .study import Array, Role, Run, Study
 
-__all__ = ["check_logs"]
-
 # Of a tick; stamps are rounded to the log's digits.
 _LATE = 0.5
 _FEWEST_ROWS = 100

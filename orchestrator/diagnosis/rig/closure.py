@@ -17,8 +17,6 @@ from .rig import SUBSTEPS
 from .study import Array, Role, Run, Study
 from .verdict import WITHIN
 
-__all__ = ["MEASURES", "Ahead", "closure_of", "how_far", "one_contact_ahead"]
-
 # Errors per contact, model minus log; the first is of signals, the others of what a contact does.
 MEASURES = ("nrmse", "cor", "peak_force", "energy")
 _RESAMPLES, _BLOCK, _SEED = 1000, 2, 20190611

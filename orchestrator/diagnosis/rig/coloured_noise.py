@@ -13,8 +13,6 @@ from scipy.optimize import minimize
 from ...base.compiled_functions import njit
 from .study import Array
 
-__all__ = ["COLOUR", "WHITE", "Colour", "coloured", "small_colour", "whitened"]
-
 # Coloured noise of a smaller deviation than this share of the white one is roughness of every rig, from some
 # log likelihood on [nats].
 COLOUR, _COLOURED = 0.4, 4.0

@@ -13,8 +13,6 @@ from .rig import Inject
 from .software import ControllerReplay, DynamicsReplay
 from .study import Array, Run, Study
 
-__all__ = ["COMPONENTS", "Residuals", "component_of", "correct", "residuals_of"]
-
 # What lies between two logged signals, and the places of the catalogue in it.
 COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "link+robot": ("link", "robot"),

@@ -10,26 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = [
-    "BODY",
-    "COMMAND",
-    "FORCE",
-    "LOAD",
-    "PLACE",
-    "RATE",
-    "READING",
-    "SEED",
-    "TOOL",
-    "ConfigChanges",
-    "Writes",
-    "held",
-    "merged",
-    "scaled",
-    "start",
-    "through",
-    "with_unit",
-]
-
 # Connections of the bundled system, and those that it may be given.
 COMMAND = "satellite.command -> robot.command"
 PLACE = "robot.position -> contact.position"

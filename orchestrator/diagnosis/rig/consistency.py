@@ -19,8 +19,6 @@ from .rig import IN_CONTACT
 from .software import ControllerReplay, resolution, ways
 from .study import Array, Run, Study
 
-__all__ = ["check_columns"]
-
 Columns = Mapping[str, Array]
 _SHIFTS = 50
 # Ticks over which ways are compared, and by how much ways and speeds may differ and be of one satellite.

@@ -18,8 +18,6 @@ from .finding import Finding
 from .study import Nominal
 from .verdict import Diagnosis, Runnable, Share, Verdict, Which, problems_of
 
-__all__ = ["AnalysisResults", "content", "named_files", "provenance"]
-
 _PACKAGES = ("orchestrator", "numpy", "numba", "scipy", "pydantic")
 # Answers less probable than this are not reported.
 _SHOWN = 1e-6

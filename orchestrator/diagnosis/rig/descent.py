@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from .study import Array
 
-__all__ = ["Descent", "Place", "cost_of"]
-
 _MAX_ITERATIONS = 30
 # Steps after which updated derivatives are computed again.
 _STALE = 5

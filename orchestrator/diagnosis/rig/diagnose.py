@@ -21,8 +21,6 @@ from .finding import Finding
 from .study import Role, Study, case_file, load_study
 from .verdict import AUGMENTED, NAME, PAGE, Diagnosis, Runnable
 
-__all__ = ["diagnose"]
-
 # What a diagnosis writes.
 _FILES = (NAME, PAGE, AUGMENTED)
 # What runs that no fit saw say about something outside the catalogue.

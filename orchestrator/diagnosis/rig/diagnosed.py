@@ -9,8 +9,6 @@ from .finding import Finding
 from .study import Study
 from .verdict import Diagnosis
 
-__all__ = ["Diagnosed"]
-
 
 @dataclass(frozen=True)
 class Diagnosed:

@@ -10,8 +10,6 @@ from scipy.optimize import minimize_scalar
 
 from .study import Array
 
-__all__ = ["held_longer", "in_turn", "lost_in_contact", "lost_in_flight", "piled"]
-
 # Samples at the ends of a contact, where the force is not smooth.
 _ENDS = 3
 # Samples do not repeat by chance more seldom than that: the force is not quite as smooth as a line.

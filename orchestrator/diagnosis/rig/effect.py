@@ -16,8 +16,6 @@ from ...base.compiled_functions import cfunc
 from ...base.units import UnitError, parse_unit
 from .config_changes import Writes
 
-__all__ = ["Context", "Effect", "Parameter", "Seen", "Site", "by_effect", "law"]
-
 
 class Site(IntEnum):
     """Places in the chain of signals at which an effect can act, with the value that it changes.

@@ -16,8 +16,6 @@ from .restart import Restart
 from .rig import Calibrated
 from .study import Array, Role, Run, Study
 
-__all__ = ["INTERFACES", "Balance", "balances", "energy"]
-
 # The wall as the satellite's position meets it, then what each component adds on the way around the loop.
 INTERFACES = ("wall", *COMPONENTS)
 

@@ -15,8 +15,6 @@ from .finding import Augmented
 from .fit import Fitter
 from .study import Array
 
-__all__ = ["RIVAL", "RIVALS", "Posterior", "chosen", "evidence_over", "laplace", "least"]
-
 # Candidates at least this probable are rivals of the first; how many of them an experiment is chosen for.
 RIVAL, RIVALS = 0.01, 4
 # Evidence that distinguishes two [nats].

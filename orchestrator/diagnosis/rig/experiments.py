@@ -20,8 +20,6 @@ from .predicted_runs import Chain, Trial
 from .study import Role, Study
 from .unsimulated_experiments import without_rival
 
-__all__ = ["Posterior", "expected_evidence", "next_experiment", "posterior"]
-
 # Length of the shortest useful run [ticks].
 _SHORTEST = 20
 

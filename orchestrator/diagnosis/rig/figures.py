@@ -14,8 +14,6 @@ from .motion import contacts
 from .study import Array, Role, Run, Study
 from .traces import CHANNEL_OF, Trace, traces
 
-__all__ = ["NOISE", "figure_of", "finish", "shown_run"]
-
 _TITLES = {
     "encoder_position": "robot position",
     "sensor_force": "contact force, as sensed",

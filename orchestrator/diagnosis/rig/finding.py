@@ -10,8 +10,6 @@ import numpy as np
 from .effect import Effect
 from .study import Array, Nominal
 
-__all__ = ["NOMINAL", "Augmented", "Candidate", "Finding", "most_probable", "name_of"]
-
 # Tolerances from which a calibration is no longer believed.
 _BENT = 5.0
 

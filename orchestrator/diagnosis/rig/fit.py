@@ -15,8 +15,6 @@ from .effect import Effect, Parameter, Seen
 from .marginal import Marginal
 from .study import Array
 
-__all__ = ["Base", "Fit", "Fitter", "Replay", "Seeing"]
-
 # Derivatives of normalised residuals beyond this are those of a model that diverges; NaN is beyond, too.
 _RUNAWAY = 1e60
 # Differences that move the residuals by more standard deviations are no approximation of a derivative.

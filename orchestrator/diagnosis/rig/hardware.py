@@ -29,8 +29,6 @@ from .search import Search, each, search
 from .stochastic import Force, Noise, sensor_noise
 from .study import Array, Role, Study
 
-__all__ = ["weigh_rig"]
-
 # How many fits become answers, and log evidence below which a noise may be chance [nats].
 _KEPT, _WEAK = 12, 40.0
 # Fits whose log evidence is less than the best by more than both, a share of it and so many nats, are out of

@@ -8,16 +8,6 @@ from collections.abc import Sequence
 from .catalogue import catalogue
 from .verdict import SUSPECTED, WITHIN, Diagnosis, Experiment, Gap, Which, chance_outside
 
-__all__ = [
-    "SEPARATES",
-    "chosen_answer",
-    "headline",
-    "leaves_in_words",
-    "listed_or",
-    "nats",
-    "percent",
-]
-
 # An answer that is likelier than this is named alone, its ties after it.
 _SURE = 0.8
 # Evidence below which an experiment distinguishes nothing [nats].

@@ -16,8 +16,6 @@ from .nuisance import WAVY, Weighing, Weighted, force_weights, scatter, waves
 from .residual_evidence import ResidualEvidence, own_error, residual_evidence
 from .study import Array, Run
 
-__all__ = ["Judge", "UnexplainedEvidence", "fitter_with_nuisance"]
-
 # Squares of residuals that are much, and share of those beyond their number that is most.
 _MUCH, _MOST = 200.0, 0.5
 # A wave that is small in some runs may be a little larger in all.

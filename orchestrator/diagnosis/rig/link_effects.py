@@ -22,8 +22,6 @@ from .search import Search, search
 from .stochastic import Noise
 from .study import Array
 
-__all__ = ["Arrivals", "arrivals", "other_link", "random_links", "search_behind"]
-
 # Log evidence of commands lost or delayed at random from which they are weighed [nats].
 _CLEAR = 5.0
 # The same for single lost commands; a few may occur by chance.

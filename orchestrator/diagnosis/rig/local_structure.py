@@ -10,8 +10,6 @@ import numpy as np
 from .misfit import noises_beside, stretches, variance_gain
 from .study import Array
 
-__all__ = ["loudest", "repeated"]
-
 _WINDOWS = (2, 4, 8, 16, 32, 64, 128, 256)
 # Ticks of a contact that are looked at, before and after it begins, or before and after it ends; and the
 # shortest contact, and how many of them, that count.

@@ -17,8 +17,6 @@ from .rig import HISTORY, Calibrated
 from .servo import pulse_response
 from .study import Array
 
-__all__ = ["Losses", "lost_commands"]
-
 # Probabilities of a loss, all about as likely beforehand.
 _CHANCES = 5e-4 * 2.0 ** np.arange(8)
 # Times in which the robot's answer to one command falls by e, after which it is over; and ticks at most.

@@ -10,8 +10,6 @@ import numpy as np
 from .misfit import variance_gain
 from .study import Array
 
-__all__ = ["Marginal", "inflation"]
-
 # Autocorrelation is summed up to so many of the times that the sum gives.
 _WINDOW = 6.0
 # The largest lag that is looked at.

@@ -14,8 +14,6 @@ from .catalogue import installed
 from .effect import Effect, Parameter, Site, law
 from .study import Array, Study
 
-__all__ = ["ENTRY_POINTS", "MENU", "Experiment", "Load", "menu", "menu_of"]
-
 # A package adds an experiment by an entry point of this group that names an Experiment.
 ENTRY_POINTS = "orchestrator.diagnosis.rig.experiments"
 

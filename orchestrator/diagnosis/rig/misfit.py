@@ -10,19 +10,6 @@ from scipy.stats import t as student
 
 from .study import Array
 
-__all__ = [
-    "LOUDER",
-    "in_contact",
-    "narrow_band_line",
-    "near_contact",
-    "noises_beside",
-    "stretches",
-    "uneven",
-    "unexplained",
-    "variance_gain",
-    "wave",
-]
-
 _BLOCKS = (1, 4, 16, 64, 256)
 # Of noise's square over what is specified; and the largest gain that noise has in a channel by chance [nats].
 LOUDER, _CHANCE = 1.5, 1.0

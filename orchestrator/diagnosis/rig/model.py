@@ -14,8 +14,6 @@ from .effect import Effect, Seen, Site, by_effect
 from .rig import CHANNELS, HISTORY, SUBSTEPS, Calibrated, State, run_rig
 from .study import Array, Run, Study
 
-__all__ = ["CALIBRATED", "Laws", "RigModel", "apply_changes", "begin_state", "nominal_parameters"]
-
 # Calibrated numbers of a study that the replay of robot, contact and sensor depends on.
 CALIBRATED = (
     "natural_frequency",

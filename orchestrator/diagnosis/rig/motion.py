@@ -10,8 +10,6 @@ import numpy as np
 from .rig import IN_CONTACT
 from .study import Array, Run, Study
 
-__all__ = ["STOP", "Contact", "Phase", "contacts", "phases", "stopped_at"]
-
 # The rig's stop: runs that leave this way end there [m].
 STOP = 0.08
 

@@ -17,23 +17,6 @@ from .rig import Calibrated
 from .search import roughness
 from .study import Array, Run
 
-__all__ = [
-    "SETTLED",
-    "WAVY",
-    "WIDER",
-    "Weighing",
-    "Weighted",
-    "Widened",
-    "along_way",
-    "force_weights",
-    "positions",
-    "repeating",
-    "scatter",
-    "settling_weights",
-    "touching",
-    "waves",
-]
-
 # Standard deviation of the position at which contacts begin, on every rig [m].
 _SCATTER = 1e-6
 # First ticks of a run that say nothing: how the robot is moving when a log begins is not known as well as

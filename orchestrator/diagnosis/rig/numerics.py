@@ -13,8 +13,6 @@ from .motion import contacts
 from .rig import SUBSTEPS
 from .study import Role, Study
 
-__all__ = ["numerics"]
-
 
 def numerics(study: Study, finding: Finding) -> dict[str, Any]:
     """Change by halving the sub-steps, as a fraction of the gap.

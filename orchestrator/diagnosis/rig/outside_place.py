@@ -14,8 +14,6 @@ from .nuisance import along_way, positions, touching
 from .residual_evidence import ResidualEvidence
 from .study import Array
 
-__all__ = ["part_of_chain", "place_outside", "wrong_times"]
-
 # Log evidence of a line, of samples that stay put or stand out, from which the sensor is where it comes from
 # [nats].
 _CLEAR = 20.0

@@ -11,8 +11,6 @@ from scipy.special import logsumexp
 
 from .study import Array
 
-__all__ = ["rhythm"]
-
 # Periods that are looked for [ticks]: what deviates more slowly has other causes, and rounding of the encoder
 # makes something of nearly two ticks on every rig.
 _SHORTEST, _LONGEST = 2.25, 50.0

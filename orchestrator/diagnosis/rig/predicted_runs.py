@@ -18,8 +18,6 @@ from .rig import CHANNELS
 from .software import ControllerReplay, DynamicsReplay
 from .study import Array, Role, Run, Study
 
-__all__ = ["Chain", "Trial"]
-
 # Radius of gyration that the catalogue's mass-offset takes [m].
 _GYRATION = 1.0
 # How far the tip is moved by a compliance that the catalogue writes as a change of the force: [m] by force.

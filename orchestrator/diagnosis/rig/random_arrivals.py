@@ -15,8 +15,6 @@ from .rig import HISTORY, Calibrated, _transition
 from .stochastic import Noise
 from .study import Array
 
-__all__ = ["DEVIATIONS", "JITTER", "PACKETS", "SLOW", "arrival_innovations", "link_noise", "random_arrival"]
-
 PACKETS, JITTER = "link.packet-loss", "link.jitter"
 # A hundred particles take one kind of random arrival for the other now and then.
 _PARTICLES = 300

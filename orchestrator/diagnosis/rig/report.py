@@ -25,8 +25,6 @@ from .report_text import UNTOLD
 from .study import Role, Study
 from .verdict import Diagnosis, Gap, HowFar
 
-__all__ = ["compose", "page", "remarks"]
-
 # A share of probability below which an answer is not worth a line, and so many lines.
 _WORTH, _LINES = 0.005, 8
 # Ties are reported for answers that are likelier than this.

@@ -7,8 +7,6 @@ from html import escape
 from ...plotting.page import note, table
 from .verdict import Diagnosis
 
-__all__ = ["energy", "ledger"]
-
 # Shares above this have full colour.
 _FULL = 0.5
 

@@ -6,8 +6,6 @@ from .caveats import caveats
 from .diagnosed import Diagnosed
 from .headline import SEPARATES, headline, leaves_in_words, nats, percent
 
-__all__ = ["text"]
-
 _LINES = 4
 
 # Printed where no simulated experiment would separate the likely answers.

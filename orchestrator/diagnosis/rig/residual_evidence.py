@@ -15,8 +15,6 @@ from .misfit import LOUDER, in_contact, noises_beside, unexplained, variance_gai
 from .nuisance import Weighing, Weighted, touching
 from .study import Array
 
-__all__ = ["KINDS", "ResidualEvidence", "excess_deviation", "own_error", "residual_evidence"]
-
 # Calibrated numbers of one kind deviate together.
 KINDS = (
     ("natural_frequency", "damping_ratio", "response_delay"),

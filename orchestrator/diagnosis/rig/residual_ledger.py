@@ -11,8 +11,6 @@ from .finding import Augmented, Finding
 from .motion import Phase, phases
 from .study import Array, Role, Run, Study
 
-__all__ = ["BANDS", "energies", "ledger"]
-
 # Edges of the frequency bands [Hz].
 BANDS = (0.0, 5.0, 20.0, 80.0, np.inf)
 

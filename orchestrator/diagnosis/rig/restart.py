@@ -14,8 +14,6 @@ from .rig import CHANNELS, HISTORY, SUBSTEPS, Inject, State, run_rig
 from .software import ControllerReplay, DynamicsReplay
 from .study import Array, Run, Study
 
-__all__ = ["Restart", "contact_error"]
-
 _OF_ROBOT = [State.POSITION, State.VELOCITY, State.FILTERED_FORCE]
 
 

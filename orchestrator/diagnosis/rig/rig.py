@@ -18,20 +18,6 @@ from numba.extending import intrinsic
 from ...base.compiled_functions import njit
 from .effect import Context, Site
 
-__all__ = [
-    "CHANNELS",
-    "HISTORY",
-    "IN_CONTACT",
-    "SUBSTEPS",
-    "Calibrated",
-    "Inject",
-    "State",
-    "control",
-    "move_body",
-    "pass_site",
-    "run_rig",
-]
-
 CHANNELS = (
     "desired_position",
     "desired_velocity",

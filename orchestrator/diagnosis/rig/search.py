@@ -15,19 +15,6 @@ from .effect import Effect
 from .fit import Base, Fit, Fitter
 from .study import Array
 
-__all__ = [
-    "HOPELESS",
-    "Direction",
-    "Search",
-    "counted",
-    "directions",
-    "each",
-    "exchanged",
-    "roughness",
-    "search",
-    "separation",
-]
-
 # Effects at this share of their priors are roughness that every rig has, where nothing better was learned.
 _ROUGH = 0.005
 # Share of the prior by which they are moved for a derivative.

@@ -8,8 +8,6 @@ import numpy as np
 
 from .study import Array
 
-__all__ = ["pulse_response"]
-
 
 def pulse_response(lag: tuple[float, float, float], tick: float, ticks: int) -> Array:
     """Position of the robot at the ticks after a command of 1 m that holds for a tick, shape (ticks,) [1].

@@ -12,8 +12,6 @@ from .misfit import near_contact, stretches
 from .rig import Calibrated
 from .study import Array
 
-__all__ = ["ONE_BY_ONE", "force_shapes", "motion_shapes"]
-
 # Families whose shapes are those of each contact or flight of each run; of others runs have them in common.
 ONE_BY_ONE = frozenset(("loads", "contacts", "flights"))
 # Memories of the rod, of what warms up, and of what leaks [s], and share of the fastest rate at which a force

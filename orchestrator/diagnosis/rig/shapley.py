@@ -15,8 +15,6 @@ from .motion import contacts
 from .restart import Restart, contact_error
 from .study import Array, Role, Run, Study
 
-__all__ = ["Shares", "shapley_shares", "shapley_values", "where"]
-
 _COUNT = len(COMPONENTS)
 # None first, all last.
 _COALITIONS = [frozenset(some) for size in range(_COUNT + 1) for some in combinations(range(_COUNT), size)]

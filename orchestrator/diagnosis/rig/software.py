@@ -12,8 +12,6 @@ from .model import Laws, apply_changes, begin_state, nominal_parameters
 from .rig import State, control, move_body
 from .study import Array, Run, Study
 
-__all__ = ["ControllerReplay", "DynamicsReplay", "resolution", "ways"]
-
 
 def resolution(values: Array) -> float:
     """The last digit that a column was logged with, in its unit."""

@@ -15,13 +15,6 @@ from .model import RigModel
 from .nuisance import repeating, settling_weights
 from .study import Array
 
-__all__ = [
-    "Force",
-    "Noise",
-    "flights",
-    "sensor_noise",
-]
-
 # Ticks about a contact that count with it.
 _MARGIN = 40
 # Shorter flights say nothing.

@@ -18,8 +18,6 @@ from ...config import Places, parse
 from ..study.mapping import Column, columns_of, read_mapping
 from ..study.study import Array, Nominal
 
-__all__ = ["UNITS", "Array", "Nominal", "Role", "Run", "Study", "case_file", "load_study"]
-
 _Path = tuple[str | int, ...]
 
 _FORMATS = ("gap-case/1", "gap-study/1")

@@ -11,8 +11,6 @@ from .model import RigModel
 from .software import ControllerReplay, DynamicsReplay
 from .study import Array, Run, Study
 
-__all__ = ["CHANNEL_OF", "Trace", "traces"]
-
 # The signal in which a place's residual is looked for.
 CHANNEL_OF = {
     "link": "encoder_position",

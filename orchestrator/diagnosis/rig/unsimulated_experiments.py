@@ -10,8 +10,6 @@ from .finding import Candidate, Finding, name_of
 from .menu import Experiment
 from .study import Role, Study
 
-__all__ = ["without_rival"]
-
 # Experiments in which a place acts without those around it, best first.
 _ALONE = {
     "link": ("free-flight chirp",),

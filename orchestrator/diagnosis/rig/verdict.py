@@ -12,26 +12,6 @@ from ...base.errors import Problem
 from ...results.file_formats import strict
 from ..study.mistakes import Warned
 
-__all__ = [
-    "AUGMENTED",
-    "NAME",
-    "PAGE",
-    "SUSPECTED",
-    "WITHIN",
-    "Diagnosis",
-    "Experiment",
-    "Gap",
-    "HowFar",
-    "LedgerRow",
-    "Numerics",
-    "Runnable",
-    "Share",
-    "Verdict",
-    "Which",
-    "chance_outside",
-    "problems_of",
-]
-
 FORMAT = "gap-diagnosis/1"
 # What is written, by name.
 NAME, PAGE, AUGMENTED = "diagnosis.json", "report.html", "augmented.yaml"

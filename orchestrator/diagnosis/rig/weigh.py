@@ -17,8 +17,6 @@ from .finding import Augmented, Candidate, Finding, most_probable
 from .hardware import weigh_rig
 from .study import Study
 
-__all__ = ["conclude", "weigh"]
-
 Choice = tuple[tuple[Group, Answer], ...]
 _OUTSIDE = Answer(("outside",), 0.0, 0.0)
 # Answers of a group whose scores lie farther below its best are not worth a word, and not combined with

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from ...base.errors import Problem
 from .study import Array
 
-__all__ = ["Stuck", "clipped", "frozen", "logged_twice", "outliers"]
-
 # A value that stands still for so many rows, while the channel moves elsewhere, is frozen; number of places
 # reported.
 _FROZEN, _STRETCHES = 60, 3

@@ -18,8 +18,6 @@ from .replay import Replay, with_steps
 from .study import Array, PortRun, PortStudy, Role
 from .tolerances import wide
 
-__all__ = ["check_logs"]
-
 Signals = Mapping[Port, Array]
 
 # Misfit of a port, over the variance of its log, from which on a mistake is sought; what it may be once that

@@ -13,8 +13,6 @@ from .mistakes import Warned
 from .replay import Replay
 from .study import Array, PortRun, PortStudy
 
-__all__ = ["wrong_clocks"]
-
 # By run and port.
 Signals = Mapping[str, Mapping[Port, Array]]
 

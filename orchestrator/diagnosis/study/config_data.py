@@ -6,8 +6,6 @@ from typing import Any
 
 from .study import PortStudy
 
-__all__ = ["config_data", "long_form", "short_form", "with_unit"]
-
 
 def config_data(study: PortStudy) -> dict[str, Any]:
     """The study's config as data; FMUs beside it stand with their full path."""

@@ -10,8 +10,6 @@ from ...master import MasterAlgorithm
 from ...system.connection import Connection, Port
 from ...system.system import System
 
-__all__ = ["without_idle"]
-
 # Communication steps that an idle instance's own step would take: more than any run has.
 _NEVER = Fraction(1 << 40)
 

@@ -9,16 +9,6 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from .mapping import Column
 
-__all__ = [
-    "FORMAT",
-    "UNUSED",
-    "CalibratedModel",
-    "Logged",
-    "Role",
-    "RunModel",
-    "StudyModel",
-]
-
 FORMAT = "port-study/1"
 
 

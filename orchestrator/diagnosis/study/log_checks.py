@@ -10,13 +10,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Array
 from ...base.errors import Problem
 from ...base.units import UnitError, convert, parse_unit
 from .logs import Signal
-
-__all__ = ["clock_of_stamps", "clock_slack", "unmapped_clock", "unread_rows"]
-
-Array = NDArray[np.float64]
 
 # By how much of the tick a log's own step may differ from it; and rows of a clock from their even place.
 _APART, _UNEVEN = 0.01, 0.1

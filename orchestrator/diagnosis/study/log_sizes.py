@@ -12,8 +12,6 @@ from typing import Any
 
 from ...fmi.archive import LARGEST_EXPANSION
 
-__all__ = ["LogError", "check_columns", "check_mat", "check_mcap", "check_size", "gunzipped"]
-
 # Of what is read, whatever the size of the file: a text, which takes long to read, and numbers in binary.
 SMALLEST_TEXT, SMALLEST_NUMBERS = 16 * 2**20, 256 * 2**20
 MOST_COLUMNS = 100_000

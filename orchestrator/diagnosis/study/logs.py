@@ -15,14 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Array
 from ...base.errors import needs
 from .log_sizes import LogError, check_columns, check_mat, check_mcap, check_size, gunzipped
 
-__all__ = ["LogError", "Signal", "name_and_unit", "read_log"]
-
-Array = NDArray[np.float64]
 _NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from ...base.arrays import Array
 from ...base.errors import Problem, listed, nearest
 from ...base.quantities import Measure, quantity
 from ...base.units import Unit, UnitError, convert, parse_unit
@@ -18,9 +19,6 @@ from ...config import Places, validation_problems
 from .log_checks import unmapped_clock, unread_rows
 from .logs import LogError, Signal, name_and_unit, read_log
 
-__all__ = ["Column", "Mapped", "columns_of", "read_mapping"]
-
-Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 # Half of what stamps are counted in [s]: equal ones stay equal when a clock is subtracted.
 _STAMP = 5e-10

@@ -12,8 +12,6 @@ from pydantic import BaseModel, ConfigDict
 from ...base.errors import Problem
 from ...base.units import UnitError, convert, parse_unit
 
-__all__ = ["Mistake", "Warned", "merged_problems", "plural", "wrong_factors", "wrong_scales"]
-
 # What the unit of a column is taken for, by mistake, and the factor that this makes.
 _FACTORS = {
     -1.0: "its sign is reversed",

@@ -19,8 +19,6 @@ from .mistakes import Warned
 from .replay import Replay
 from .study import Array, PortStudy
 
-__all__ = ["in_native_form"]
-
 _PYTHON = "PythonFMU"
 # Samples of all train runs from which on a replay takes longer than is soon made good by a build, and the
 # longest that one may take [s]: code is explored on all of its paths, which may be many.

@@ -10,8 +10,6 @@ from ...effects import Effect
 from ...effects.base import Array, Numbers
 from .study import Array as Samples
 
-__all__ = ["Playback"]
-
 
 class Playback(Effect):
     """y(t) is the sample at t of a table, whatever x is; beyond its ends the first or last one.

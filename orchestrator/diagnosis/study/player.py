@@ -28,8 +28,6 @@ from .idle import without_idle
 from .playback import Playback
 from .study import Array
 
-__all__ = ["Inserted", "Player", "between"]
-
 # Tool that made an FMU, by its model description.
 _OWN = "orchestrator"
 

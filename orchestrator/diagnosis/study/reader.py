@@ -22,8 +22,6 @@ from .runs import Columns, read_runs
 from .sheet import Sheet
 from .study import Nominal, PortRun, PortStudy, study_file
 
-__all__ = ["load_port_study"]
-
 
 def load_port_study(path: Path) -> PortStudy:
     """Read a study.

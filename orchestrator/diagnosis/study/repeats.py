@@ -9,8 +9,6 @@ import numpy as np
 from ...system.connection import Port
 from .study import Array, PortRun, PortStudy
 
-__all__ = ["unlike"]
-
 # Runs whose inputs differ by more of their spread do not repeat each other.
 _UNLIKE = 0.2
 # Last digits of a signal, as a share of it.

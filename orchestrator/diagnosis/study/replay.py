@@ -13,8 +13,6 @@ from ...system.connection import Port
 from .player import Player
 from .study import Array, PortRun, PortStudy
 
-__all__ = ["Replay", "player_of", "with_steps"]
-
 
 def player_of(study: PortStudy, fed: Sequence[Port], compared: Sequence[Port]) -> Player:
     """What runs the system of a study."""

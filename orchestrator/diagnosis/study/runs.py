@@ -19,8 +19,6 @@ from .mistakes import plural
 from .sheet import Sheet
 from .study import Array, PortRun
 
-__all__ = ["Columns", "read_runs"]
-
 # Samples may be apart by other than the communication step by this share of it.
 _UNEVEN = 0.01
 # Seconds that a clock's counts may be taken for.

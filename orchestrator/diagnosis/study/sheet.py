@@ -16,8 +16,6 @@ from ...base.quantities import Measure, quantity
 from ...base.units import parse_unit
 from ...config import compose, validation_problems
 
-__all__ = ["Sheet"]
-
 Part = TypeVar("Part", bound=BaseModel)
 _SECONDS = Measure("s", parse_unit("s"))
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Array
 from ...base.errors import ConfigError
 from ...config import Places
 from ...config.text import compose
@@ -16,21 +16,6 @@ from ...fmi import Causality, CompiledFmu
 from ...simulation.run import Prepared
 from ...system.connection import Port
 from .keys import FORMAT, Logged, Role
-
-__all__ = [
-    "FORMAT",
-    "Array",
-    "Logged",
-    "Nominal",
-    "PortRun",
-    "PortStudy",
-    "Role",
-    "is_port_study",
-    "study_file",
-]
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,6 @@ from ...system.connection import Port
 from .mistakes import Warned
 from .study import PortStudy
 
-__all__ = ["wide"]
-
 
 def wide(study: PortStudy) -> list[Warned]:
     """Calibrated numbers whose tolerance is as large as their value, or larger.

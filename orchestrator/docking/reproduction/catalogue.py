@@ -8,8 +8,6 @@ from importlib import import_module
 from ...base.errors import ConfigError, Problem, listed, nearest
 from .experiment import Experiment
 
-__all__ = ["chosen_figures", "experiments"]
-
 _MODULES = ("divergence", "cosimulation", "virtual_walls", "identification", "mechanisms")
 
 

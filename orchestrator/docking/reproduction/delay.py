@@ -10,8 +10,6 @@ from scipy.optimize import brentq
 from ...base.errors import OrchestratorError
 from ..stability import ContactLoop, predict_contact
 
-__all__ = ["delay_for_growth", "growth_of_roots"]
-
 _LONGEST = 0.05
 _MICROSECOND = 1e-6
 

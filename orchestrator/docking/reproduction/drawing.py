@@ -11,8 +11,6 @@ from ...plotting.figures import COLORS
 from ..figures import contact_time
 from .experiment import Recorded
 
-__all__ = ["forces", "over_contact_time", "sheet", "stacked", "velocities"]
-
 _DASHES = ("-", "--", ":", "-.")
 _TIME = "time in contact, free flight cut out [s]"
 

@@ -8,29 +8,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Array
 from ...results.recorders import Results
 from ..contacts import Contact, find_contacts
 from ..options import DockingOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = [
-    "Case",
-    "Criterion",
-    "Experiment",
-    "Quantity",
-    "Recorded",
-    "above",
-    "below",
-    "between",
-    "native",
-    "near",
-]  # fmt: skip
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,6 @@ from ...plotting.figures import encoded
 if TYPE_CHECKING:
     from .reproduce import Reproduction
 
-__all__ = ["headline", "number", "page", "page_of_folder", "verdict"]
-
 _COLUMNS = ("figure", "quantity", "source", "ours", "unit", "agreement", "change at half the step")
 
 

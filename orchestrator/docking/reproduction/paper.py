@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-__all__ = ["Stated"]
-
 
 class Stated(NamedTuple):
     """A number of the paper."""

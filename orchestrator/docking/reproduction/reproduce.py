@@ -16,8 +16,6 @@ from .runs import Failed, Pair, record
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Reproduction", "reproduce"]
-
 SOURCE = (
     'He, Shen, Gao, Zhang: "Active Compliance Control of a Position-Controlled Industrial Robot for '
     'Simulating Space Operations"'

@@ -11,11 +11,6 @@ import math
 from . import paper
 from .delay import delay_for_growth
 
-__all__ = [
-    "ABOUT", "CONTROLLED", "DAMPING", "MASSES", "NOISE", "UNCOMPENSATED", "case_name", "delay", "delays",
-    "derived_stiffness", "mechanism", "noise", "stiffness",
-]  # fmt: skip
-
 CONTROLLED, UNCOMPENSATED = "docking-1d", "docking-1d-uncompensated"
 MASSES = tuple(paper.ROD_FREQUENCIES)
 DAMPING = 0.1  # N.s/mm, that of the virtual walls

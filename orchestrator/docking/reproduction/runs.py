@@ -14,8 +14,6 @@ from ...results.recorders import Results
 from ...simulation.run import prepare, run
 from .experiment import Case, Recorded
 
-__all__ = ["Failed", "Pair", "record", "run_once"]
-
 _SIGNALS = (
     "satellite.velocity",
     "satellite.position",

@@ -24,8 +24,6 @@ from ...system.array_start_values import each_element
 from .model import Document
 from .values import same_start
 
-__all__ = ["OSP", "SPACE", "TYPE", "apply", "checksum", "collect", "step_hints"]
-
 TYPE = "orchestrator.config"
 SPACE = "urn:orchestrator:config:1"
 OSP_TYPE = "com.opensimulationplatform"

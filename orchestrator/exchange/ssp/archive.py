@@ -17,8 +17,6 @@ from urllib.parse import unquote, urlsplit
 from ...base.errors import ConfigError, FmuError, Problem, listed, nearest
 from ...fmi.archive import check_document, check_members
 
-__all__ = ["Package", "TooMuch", "open_package", "referenced"]
-
 # Read into memory: descriptions, parameters, and packages within packages.
 LARGEST_READ = 512 * 2**20
 # Of all that is read, each use of a file counted: references to one file may make much of little.

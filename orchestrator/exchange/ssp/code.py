@@ -10,8 +10,6 @@ from ...base.errors import ConfigError, Problem
 from ...config.files import move_effects
 from .archive import Package
 
-__all__ = ["take_code"]
-
 
 def take_code(data: Mapping[str, Any], package: Package, place: str, *, with_code: bool) -> list[Path]:
     """Unpack the Python files that connections of a config take effects from.

@@ -6,8 +6,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-__all__ = ["SPACES", "children", "local", "schema_errors", "space_of", "tag_of"]
-
 _BASE = "http://ssp-standard.org/SSP1/SystemStructure"
 SPACES = {
     "ssc": f"{_BASE}Common",

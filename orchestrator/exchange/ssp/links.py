@@ -15,8 +15,6 @@ from ...simulation.run import Prepared
 from ...system.connection import Connection
 from ...system.connections import Ends, elements
 
-__all__ = ["Link", "links_of"]
-
 
 @dataclass(frozen=True)
 class Link:

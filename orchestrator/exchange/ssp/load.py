@@ -17,8 +17,6 @@ from ...config.files import move_effects
 from .annotations import checksum
 from .read import MAIN, Read, read_ssp
 
-__all__ = ["Loaded", "import_ssp", "load_ssp"]
-
 
 @dataclass(frozen=True)
 class Loaded:

@@ -8,11 +8,6 @@ from typing import Any
 
 from ...base.units import Unit
 
-__all__ = [
-    "Binding", "Connection", "Connector", "Dictionary", "Document", "Element", "End", "MappingEntry",
-    "Parameter", "Reference", "Transformation",
-]  # fmt: skip
-
 
 @dataclass(frozen=True)
 class Reference:

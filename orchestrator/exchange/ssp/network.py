@@ -30,8 +30,6 @@ from .model import (
 )
 from .schema import Reader
 
-__all__ = ["Assigned", "Edge", "Leaf", "Network", "Node", "family"]
-
 Path_ = tuple[str, ...]
 Key = tuple[Path_, str]
 _FMU = "application/x-fmu-sharedlibrary"

@@ -26,8 +26,6 @@ from .model import Document
 from .network import Assigned, Edge, Key, Leaf, Network, Node, Path_, family
 from .values import SignalPath, SignalPathError, scalars
 
-__all__ = ["MAIN", "Read", "read_ssp"]
-
 MAIN = "SystemStructure.ssd"
 
 

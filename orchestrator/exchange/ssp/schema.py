@@ -32,8 +32,6 @@ from .model import (
     Transformation,
 )
 
-__all__ = ["TYPES", "VERSIONS", "Reader"]
-
 VERSIONS = ("1.0", "2.0")
 _WHOLE = [f"{sign}Int{size}" for size in (8, 16, 32, 64) for sign in ("", "U")]
 # SSP's type -> the family of FMI types.

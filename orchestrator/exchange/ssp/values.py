@@ -15,8 +15,6 @@ from ...fmi import Kind, Variable
 from .model import Transformation
 from .network import Assigned, Node
 
-__all__ = ["SignalPath", "SignalPathError", "mapped", "number", "scalars"]
-
 _TRUE, _FALSE = ("true", "1"), ("false", "0")
 
 

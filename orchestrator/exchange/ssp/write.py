@@ -31,8 +31,6 @@ from .links import Link, links_of
 from .read import MAIN, read_ssp
 from .schema import VERSIONS
 
-__all__ = ["Written", "write_ssp"]
-
 _TOOL = "orchestrator"
 _STAMP = (1980, 1, 1, 0, 0, 0)
 _KINDS = {Kind.REAL: "Real", Kind.INTEGER: "Integer", Kind.BOOLEAN: "Boolean", Kind.STRING: "String"}

@@ -21,8 +21,6 @@ from ...base.temporary_folders import scratch_root
 from .. import messages as frames
 from .tasks import Attempt, Failure, Work
 
-__all__ = ["Child", "attempt"]
-
 _LINES_OF_OUTPUT = 10
 # So many processes are started where one after the other is killed from outside while it begins.
 _BEGINS = 3

@@ -12,8 +12,6 @@ from ...base.errors import ConfigError, OrchestratorError, Problem
 from .hosted import _do, _threads_of
 from .tasks import Failure, Outcome, Work
 
-__all__ = ["ClusterPool"]
-
 _SECONDS_TO_CONNECT = 10
 # Tasks that wait at each thread of the cluster, so that none is idle while outcomes travel.
 _AHEAD = 3

@@ -9,8 +9,6 @@ from ...base.digests import digest_of, file_digest
 from ...base.errors import OrchestratorError
 from ...base.temporary_folders import cache_folder as kept_folder
 
-__all__ = ["cache_folder", "place_of", "put_file"]
-
 
 def place_of(data: bytes, name: str) -> str:
     """Where a file stands below a folder of files: "<sha256>/<name>"."""

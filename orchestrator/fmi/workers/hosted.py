@@ -14,8 +14,6 @@ from .child import Child, attempt
 from .files import cache_folder, put_file
 from .tasks import Work
 
-__all__ = ["dismiss", "host"]
-
 
 class _Hosted:
     """On a Dask worker: a work, its files, and its idle processes."""

@@ -12,8 +12,6 @@ from typing import Any
 from .child import Child, attempt
 from .tasks import Outcome, Work
 
-__all__ = ["LocalPool", "cores"]
-
 
 def cores() -> int:
     """How many cores this process may use."""

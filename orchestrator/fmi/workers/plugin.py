@@ -9,8 +9,6 @@ from distributed import WorkerPlugin
 
 from .hosted import dismiss, host
 
-__all__ = ["WorkPlugin"]
-
 
 class WorkPlugin(WorkerPlugin):
     """A work and its files; the scheduler sends it once to each worker."""

@@ -14,8 +14,6 @@ from ...base.errors import OrchestratorError
 from .. import messages as frames
 from ..child_process import guarded_pipes
 
-__all__ = ["main"]
-
 _FREED_EVERY = 64
 
 

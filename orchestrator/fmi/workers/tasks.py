@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-__all__ = ["KINDS", "Attempt", "Failure", "Outcome", "Pool", "Retry", "Work"]
-
 # Why a task failed: its process crashed, it took too long, it raised, or its process was killed from outside.
 KINDS = ("crash", "time limit", "error", "killed")
 

@@ -52,8 +52,6 @@ from ...system.system import System
 from ..running_instances import Instances
 from .entries import Entries
 
-__all__ = ["Before", "Books", "Step"]
-
 
 @dataclass(frozen=True)
 class Step:

@@ -11,8 +11,6 @@ from ...system.connection import Connection, Port
 from ...system.power_bonds import Bond
 from ...system.system import System
 
-__all__ = ["Entries"]
-
 
 @dataclass
 class Entries:

@@ -15,8 +15,6 @@ from ...system.system import System
 from ..running_instances import Instances
 from .books import Before, Books, Step
 
-__all__ = ["Account", "Ledger"]
-
 _ROWS = 1024
 # Largest number of points that are kept; above it, every second point is dropped, repeatedly.
 _MOST_KEPT = 1 << 16

@@ -11,20 +11,6 @@ from html import escape
 from importlib import resources
 from typing import Any
 
-__all__ = [
-    "aside",
-    "bar",
-    "card",
-    "details",
-    "document",
-    "figure",
-    "heading",
-    "note",
-    "number",
-    "provenance",
-    "table",
-]
-
 # A page may run its own scripts and show what it holds; whatever it is made of, it reaches for nothing else.
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
 

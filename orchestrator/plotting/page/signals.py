@@ -10,11 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Array
 from ...results.recorders import Results
-
-__all__ = ["SignalStore", "extremes"]
-
-Array = NDArray[np.float64]
 
 # What a number takes in the page: four bytes in base 64.
 _BYTES = 4 * 4 / 3

@@ -14,9 +14,6 @@ from ...master.gauss_seidel import GaussSeidel
 from ...master.jacobi import Jacobi
 from ...master.running_instances import Instances
 
-__all__ = ["Schedule", "choose_loop", "kernel_of", "schedule"]
-
-
 # What the interpreter costs per step and per instance of a step beyond the native loop [s];
 # python -m tests.benchmarks.step_cost prints the whole costs.
 _PER_STEP, _PER_INSTANCE = 5e-6, 7e-6

@@ -21,8 +21,6 @@ from .foreign_calls import as_doubles, call_effect, load, store
 from .plain_steps import word as _word
 from .table_columns import Chained, Path
 
-__all__ = ["Wiring", "evaluate", "unfit"]
-
 _PLACE, _FIRST_LEG, _END_LEG, _FIRST_LINK, _END_LINK = map(int, Path)
 _KIND, _FUNCTION, _X, _X_COUNT, _FIRST_READ, _OPTIONS, _OPTION_COUNT, _MEMORY, _MEMORY_COUNT = map(
     int, Chained

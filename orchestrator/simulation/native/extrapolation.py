@@ -19,8 +19,6 @@ from .foreign_calls import call_fmi2_derivatives, load, store
 from .plain_steps import word
 from .table_columns import Ahead, Bend, Given, Step
 
-__all__ = ["Curves", "bend", "bend_on", "bends", "feed", "predict", "settle", "settle_all"]
-
 # numba takes plain whole numbers for constants.
 _ORDER, _SIZE, _PAST, _MIDDLE, _END, _WEIGHTS, _SMOOTH, _GIVEN, _SPANS, _BENDS, _BOUNDS, _PLACES = map(
     int, Ahead

@@ -13,20 +13,6 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-__all__ = [
-    "as_doubles",
-    "call_effect",
-    "call_fmi2_derivatives",
-    "call_fmi2_status",
-    "call_fmi2_step",
-    "call_fmi2_values",
-    "call_fmi3_step",
-    "call_fmi3_values",
-    "call_timer",
-    "load",
-    "store",
-]
-
 _DOUBLE, _INT, _WORD = ir.DoubleType(), ir.IntType(32), ir.IntType(64)
 # How an argument travels: what numba holds, what C takes. Pointers and size_t are words of 64 bits; an FMI 3
 # Boolean is passed as int, and the callee reads its lowest byte.

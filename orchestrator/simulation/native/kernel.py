@@ -26,8 +26,6 @@ from .plain_steps import word as _word
 from .table_columns import Ahead, Call, Code, Outcome, Phase, Step
 from .table_columns import Path as Chain
 
-__all__ = ["run_bent_steps", "run_steps", "run_wired_steps"]
-
 # numba takes plain whole numbers for constants.
 _C_FUNCTION, _C_COMPONENT, _REFERENCES, _COUNT, _VALUES, _CODE, _PLACE, _VALUE_COUNT = map(int, Call)
 _VERSION, _FUNCTION, _COMPONENT, _NO_ROLLBACK, _EVENT, _TERMINATE, _EARLY, _REACHED = map(int, list(Step)[:8])

@@ -25,8 +25,6 @@ from .tables import Tables
 if TYPE_CHECKING:
     from ..grid import Grid
 
-__all__ = ["run_native"]
-
 # Steps of a chunk. Python between two chunks takes some 50 us.
 _FEWEST, _MOST = 16, 16384
 # Numbers that a chunk may record. One block of memory serves all chunks: to touch memory for the first time

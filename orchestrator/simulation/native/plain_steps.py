@@ -12,8 +12,6 @@ from numba.extending import register_jitable
 from .foreign_calls import call_fmi2_status, call_fmi2_step, call_fmi2_values, load, store
 from .table_columns import Outcome, Phase, Plain, Step
 
-__all__ = ["end", "ends_after", "not_finite", "run_plain", "word"]
-
 # numba takes plain whole numbers for constants.
 _WHO, _PHASE, _BLOCK, _STATUS, _PART, _ENDER = map(int, Outcome)
 _SET, _ADVANCE, _GET, _FINITE = map(int, (Phase.SET, Phase.ADVANCE, Phase.GET, Phase.FINITE))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from enum import IntEnum, auto
 
-__all__ = ["Ahead", "Bend", "Call", "Chained", "Code", "Given", "Outcome", "Path", "Phase", "Plain", "Step"]
-
 
 class _Column(IntEnum):
     @staticmethod

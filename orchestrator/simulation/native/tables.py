@@ -21,8 +21,6 @@ from .effects import Wiring
 from .extrapolation import Curves
 from .table_columns import Call, Code, Plain, Step
 
-__all__ = ["Tables"]
-
 _CODES = {
     ctypes.c_double: Code.F64,
     ctypes.c_float: Code.F32,

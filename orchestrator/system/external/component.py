@@ -27,8 +27,6 @@ from ...fmi import (
 )
 from .link import Link, LinkError
 
-__all__ = ["ExternalFmu", "ExternalInstance"]
-
 
 class ExternalFmu:
     """An external program or rig, as an FMU with one instance.

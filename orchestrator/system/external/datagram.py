@@ -10,8 +10,6 @@ import numpy as np
 
 from ...fmi import Array
 
-__all__ = ["LARGEST", "Datagram", "Flag", "pack", "unpack"]
-
 # Mark, flags, number of values, sender's session, sequence, time [s], sender's clock [ns], the clock that it
 # last received [ns].
 _HEADER = struct.Struct("<4sHHQQdQQ")

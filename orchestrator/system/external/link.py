@@ -14,8 +14,6 @@ from ...base.histogram import Histogram
 from ...fmi import Array
 from .datagram import Datagram, Flag, pack, unpack
 
-__all__ = ["Link", "LinkError"]
-
 # While a peer does not answer, what it may have missed is sent again this often [s].
 _AGAIN = 0.05
 _AGAIN_NS = int(_AGAIN * 1e9)

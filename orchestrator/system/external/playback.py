@@ -30,8 +30,6 @@ from ...fmi import (
     Variable,
 )
 
-__all__ = ["SUFFIX", "SignalFmu", "read_header", "targets_of"]
-
 SUFFIX = ".csv"
 # "force [N]", "force (N)" or "force / N".
 _HEADER = re.compile(r"^(.*?)\s*(?:\[([^]]*)\]|\(([^)]*)\)|\s/\s+(\S+))?$", re.DOTALL)

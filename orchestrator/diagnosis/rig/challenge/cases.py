@@ -12,8 +12,6 @@ from ....base.errors import ConfigError, Problem, listed
 from ....simulation.run_folder import folder_at
 from ..verdict import NAME
 
-__all__ = ["RECORD", "case_digest", "check_record", "note_cases"]
-
 RECORD = "cases.json"
 
 

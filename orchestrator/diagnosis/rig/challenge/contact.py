@@ -9,8 +9,6 @@ import math
 
 from ....base.compiled_functions import njit
 
-__all__ = ["BEHIND", "contact_force", "depth_of", "lifted", "output"]
-
 _REFERENCE_DEPTH = 5e-4  # at which a power-law contact is as stiff as a linear one [m]
 _CUBIC_DEPTH = 1e-3
 BEHIND = 11.0  # stiffness of the frame behind a loose plate, over that of frame and plate

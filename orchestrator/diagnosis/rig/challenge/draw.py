@@ -13,22 +13,6 @@ from .rig import Array, Lab, simulate
 from .rig_parameters import CALIBRATED
 from .series import Series, draw_series
 
-__all__ = [
-    "NOISE",
-    "ROUGHNESS",
-    "RUNS",
-    "SHARES",
-    "Case",
-    "Plan",
-    "RunPlan",
-    "changed",
-    "draw_case",
-    "make_run",
-    "plan_cases",
-    "run_series",
-    "tolerances",
-]
-
 
 @dataclass(frozen=True)
 class RunPlan:

@@ -16,8 +16,6 @@ from .hidden import Hidden
 from .rig import FORCE_RESOLUTION, POSITION_RESOLUTION, TICK, Array, drive
 from .rig_parameters import CALIBRATED
 
-__all__ = ["CLEAR", "Imitation", "imitated", "visibility"]
-
 # Least evidence of an effect that should be named [nats].
 CLEAR = 10.0
 

@@ -9,11 +9,6 @@ from functools import partial
 
 import numpy as np
 
-__all__ = [
-    "HARDWARE", "HIDDEN", "SOFTWARE", "TIED", "TURN", "Draw", "Hidden", "between", "draws", "even", "free",
-    "integer", "inverse", "kinds", "phase", "rooted", "signed", "sized", "turns", "whole",
-]  # fmt: skip
-
 # Places of software: it replays to its last digit, so that what it hides shows at any size.
 SOFTWARE = ("dynamics", "controller")
 # One turn [rad].

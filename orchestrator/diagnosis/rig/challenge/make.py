@@ -21,8 +21,6 @@ from .rig import Array
 from .seal import seal_truth
 from .write import write_case
 
-__all__ = ["KINDS", "Order", "make"]
-
 # With how many effects together what is hidden is compared, by kind of case; and evidence for the fainter of
 # a pair that no single effect imitates [nats].
 _RIVALS, _SURE = {"pair": 1, "outside": 2}, 300.0

@@ -25,8 +25,6 @@ from .hidden import (
     whole,
 )  # fmt: skip
 
-__all__ = ["OUTSIDE"]
-
 
 def _sway(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {

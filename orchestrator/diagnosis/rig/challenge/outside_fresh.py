@@ -10,8 +10,6 @@ import numpy as np
 
 from .hidden import Draw, between, draws, free, kinds, sized, turns, whole
 
-__all__ = ["FRESH"]
-
 
 def _tracker(rng: np.random.Generator, size: float) -> dict[str, float]:
     # What it errs by where all speeds up grows with the square of its memory [ticks].

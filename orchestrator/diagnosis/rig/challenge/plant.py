@@ -13,8 +13,6 @@ import numpy as np
 from ....base.compiled_functions import njit
 from .contact import BEHIND, contact_force, depth_of, lifted, output
 
-__all__ = ["DRAWN", "FORWARD", "MEMORY", "STATES", "integrate", "remember"]
-
 # Servo x, v; resonance q, q'; Maxwell z; sensor's filter and an extra one; a moving wall w, w'. Then those
 # that few rigs have: servo's integral; bristle of its friction; base b, b'; loose plate w, w'; hose h, h';
 # the sensor's element e, e'; by which share the servo's supply is used up; the rod's middle sideways y, y';

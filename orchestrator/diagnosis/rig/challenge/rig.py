@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ....base.arrays import Array
 from ....base.compiled_functions import njit
 from .contact import contact_force, lifted, output
 from .plant import FORWARD, fresh, integrate, past
@@ -16,10 +16,6 @@ from .rig_parameters import rig_parameters
 from .sensor import age_of, beside_force, digits, first_amplifier, read, rubbed
 from .series import HISTORY, TICK, Series
 from .software import compensate, first_controller, first_satellite, move_satellite
-
-__all__ = ["COLUMNS", "FORCE_RESOLUTION", "POSITION_RESOLUTION", "TICK", "Lab", "drive", "simulate"]
-
-Array = NDArray[np.float64]
 
 COLUMNS = (
     "desired_position",

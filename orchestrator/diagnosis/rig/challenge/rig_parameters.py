@@ -6,8 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-__all__ = ["CALIBRATED", "RIG_PARAMETERS", "rig_parameters"]
-
 # Calibrated numbers as case.yaml names them, and the parameter that each sets.
 CALIBRATED = {
     "natural_frequency": "omega",

@@ -13,8 +13,6 @@ from ..verdict import NAME
 from .cases import check_record, note_cases
 from .verdict import read_verdict
 
-__all__ = ["OURS", "diagnose_all"]
-
 OURS = "orchestrator.diagnosis.rig.challenge.run:ours"
 _REFUSED = "refused.json"
 

@@ -20,8 +20,6 @@ from .evidence import CLEAR
 from .seal import note_opening, open_truth, truth_digest
 from .verdict import Answer, Verdict, names, read_verdict
 
-__all__ = ["BANDS", "CLEAR", "Marked", "figures", "score", "score_text"]
-
 # By magnitude: name and lower bound.
 BANDS = (("strong", 0.5), ("medium", 0.2), ("weak", 0.08), ("faint", 0.0))
 _BINS = 10

@@ -20,8 +20,6 @@ from typing import Any
 from ....base.digests import digest_of
 from ....base.errors import ConfigError, Problem
 
-__all__ = ["LEDGER", "SEALED", "note_opening", "open_truth", "seal_truth", "truth_digest"]
-
 SEALED = "truth.sealed"
 LEDGER = "openings.json"
 _FORMAT = b"gap-truth/1"

@@ -9,8 +9,6 @@ import numpy as np
 from ....base.compiled_functions import njit
 from .plant import DRAWN
 
-__all__ = ["age_of", "beside_force", "digits", "first_amplifier", "read", "rubbed"]
-
 _REPORTED, _OVER = 6.0, 2.0  # force at which a contact is reported, and at which its end is [N]
 _LOUD = 100.0  # at which an amplifier that turns itself down is recognised by how much [N]
 _RANGE_BACK = 0.6  # of the force at which a sensor goes to its upper range: where it goes back

@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-__all__ = ["HISTORY", "TICK", "Series", "draw_series"]
-
-Array = NDArray[np.float64]
+from ....base.arrays import Array
 
 TICK = 1e-3
 # Ticks before the first, at which the rod moved already.

@@ -8,8 +8,6 @@ import numpy as np
 
 from ....base.compiled_functions import njit
 
-__all__ = ["compensate", "first_controller", "first_satellite", "move_satellite"]
-
 _DOCK = 0.005  # where the satellite's software believes the port to be [m]
 _LOOSE_XI = 0.2
 

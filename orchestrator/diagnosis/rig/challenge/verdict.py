@@ -11,9 +11,6 @@ from pathlib import Path
 from ....base.digests import digest_of
 from ....base.errors import ConfigError, Problem
 
-__all__ = ["Answer", "Verdict", "answer_set", "names", "read_verdict"]
-
-
 _SET = 0.95
 
 

@@ -10,8 +10,6 @@ import numpy as np
 from .draw import NOISE, RUNS, Case, tolerances
 from .rig import COLUMNS, FORCE_RESOLUTION, POSITION_RESOLUTION, TICK, Array
 
-__all__ = ["HEADER", "log_text", "write_case"]
-
 _UNITS = ("m", "m/s", "m", "N", "N", "N/m")
 HEADER = ",".join(["time [s]", *(f"{name} [{unit}]" for name, unit in zip(COLUMNS, _UNITS, strict=True))])
 _ROW = "%.3f,%.9f,%.9f,%.6f,%.2f,%.4f,%.1f"

@@ -9,8 +9,6 @@ from ....base.compiled_functions import njit
 from ..config_changes import start
 from ..effect import Context, Effect, Parameter, Site
 
-__all__ = ["body_force", "hanging"]
-
 _POSITION = int(Context.POSITION)
 _VELOCITY = int(Context.VELOCITY)
 _MASS = int(Context.MASS)
