@@ -296,7 +296,7 @@ def test_the_likeliest_of_laws_that_act_the_same_takes_the_place_of_another(fmus
         place = next(one for one in search.places if one.name == "spring.travel")
         curve = next(one for one in readable(model, place) if one.law.name == "gain curve")
         start = np.r_[search.base.constants, 3.0]
-        found = search.likelier([search.fitted([curve], start, search.base.starts, 12, None)])
+        found = search.likelier([search.fit([curve], start, search.base.starts, 12, None)])
     ((laws, fit),) = [(one.laws, two) for one, two in found]
     assert [one.law.name for one in laws] == ["progressive stiffness"]
     assert fit.remains < 1.1

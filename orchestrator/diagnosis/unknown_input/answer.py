@@ -13,12 +13,12 @@ from threadpoolctl import threadpool_limits
 from ...base.errors import ConfigError
 from ..study.study import PortStudy, Role
 from .choice import rivals_of, share_among, significant, simplest
+from .fits import Weighed
 from .judge import closed, replayed
 from .law_fit import Candidate, Fitted
 from .model import StateModel
 from .places import Ranked, Runs, rank, smoothed_at
 from .played import PlayedModel
-from .polish import Polished
 from .search import Search
 from .separate import Experiment, Simulable, separating
 from .thinning import thinned, without_outliers
@@ -111,7 +111,7 @@ def _model(study: PortStudy) -> StateModel:
 
 
 def _judged(
-    study: PortStudy, model: StateModel, search: Search, weighed: Sequence[tuple[Fitted, Polished, float]],
+    study: PortStudy, model: StateModel, search: Search, weighed: Sequence[Weighed],
     chosen: int,
 ) -> Answer:  # fmt: skip
     """The answer, judged on held-out runs with all their samples."""
@@ -196,7 +196,7 @@ def _verdict(
 
 
 def _nearest(
-    held: Runs, weighed: Sequence[tuple[Fitted, Polished, float]], calibrated: float
+    held: Runs, weighed: Sequence[Weighed], calibrated: float
 ) -> tuple[Fitted | None, list[str]]:
     """The likeliest laws, although they explain too little, and a remark; none that held-out runs refuse."""
     found = next(((one, two) for one, two, _ in weighed if one.laws and significant(one)), None)
@@ -211,7 +211,7 @@ def _nearest(
 
 
 def _experiments(
-    search: Search, weighed: Sequence[tuple[Fitted, Polished, float]], chosen: int,
+    search: Search, weighed: Sequence[Weighed], chosen: int,
     rivals: Sequence[tuple[Fitted, float]],
 ) -> list[Experiment]:  # fmt: skip
     """What separates the answer from likely rivals, and from laws that act the same on these logs."""

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from .fits import Weighed
 from .judge import closed
 from .law_fit import Candidate, Fitted
-from .polish import Polished
 from .score import odds_of
 from .search import LEAST, SECOND, Search
 
@@ -26,7 +26,7 @@ _RIVAL = 0.3
 _AS_LIKELY = 3.0
 
 
-def simplest(search: Search, weighed: Sequence[tuple[Fitted, Polished, float]]) -> int:
+def simplest(search: Search, weighed: Sequence[Weighed]) -> int:
     """Index of the answer.
 
     A second law must halve what the best single one leaves, if that is twice the noise or more, or bring
@@ -35,40 +35,45 @@ def simplest(search: Search, weighed: Sequence[tuple[Fitted, Polished, float]]) 
     any law in its place. A law must halve what one with fewer numbers and states leaves, of its family at its
     component.
     """
+
+    def shrunk(before: int, after: int) -> float:
+        return closed(weighed[before].polished.remains, weighed[after].polished.remains, 0.0)
+
     best: dict[int, int] = {}
-    for count in {len(one.laws) for one, _, _ in weighed}:
+    for count in {len(one.laws) for one, *_ in weighed}:
         ranked = [
-            k for k, (one, _, _) in enumerate(weighed)
-            if len(one.laws) == count and significant(one)
+            k for k, one in enumerate(weighed)
+            if len(one.fitted.laws) == count and significant(one.fitted)
         ]  # fmt: skip
         if not ranked:
             continue
-        usual = [k for k in ranked if not any(law.law.late for law in weighed[k][0].laws)]
+        usual = [k for k in ranked if not any(law.law.late for law in weighed[k].fitted.laws)]
         share = _HALF if count == 2 else _THIRD
-        if usual and closed(weighed[usual[0]][1].remains, weighed[ranked[0]][1].remains, 0.0) <= share:
+        if usual and shrunk(usual[0], ranked[0]) <= share:
             ranked = usual
-        near = [k for k in ranked if not search.far(weighed[k][1].constants)]
+        near = [k for k in ranked if not search.far(weighed[k].polished.constants)]
         best[count] = (near or ranked)[0]
-        if near and closed(weighed[near[0]][1].remains, weighed[ranked[0]][1].remains, 0.0) > _HALF:
+        if near and shrunk(near[0], ranked[0]) > _HALF:
             best[count] = ranked[0]
     chosen = best[0]
     for count in (1, 2):
         if count in best:
             before, after = weighed[chosen], weighed[best[count]]
-            gain = after[2] - before[2]
+            gain = after.evidence - before.evidence
             share = _HALF if count == 2 else _THIRD
-            if count == 2 and len(before[0].laws) == 1 and before[1].remains < SECOND:
+            if count == 2 and len(before.fitted.laws) == 1 and before.polished.remains < SECOND:
                 # One law explains the logs, unless it needs what the tolerances do not allow.
-                if gain > LEAST and search.far(before[1].constants) and not search.far(after[1].constants):
+                far, still = (search.far(one.polished.constants) for one in (before, after))
+                if gain > LEAST and far and not still:
                     chosen = best[count]
                 continue
-            if gain > LEAST and closed(before[1].remains, after[1].remains, 0.0) >= share:
+            if gain > LEAST and shrunk(chosen, best[count]) >= share:
                 chosen = best[count]
     answer = weighed[chosen]
     simpler = [
         k for k, one in enumerate(weighed)
-        if _kind(one[0]) == _kind(answer[0]) and _size(one[0]) < _size(answer[0])
-        and closed(one[1].remains, answer[1].remains) < _HALF
+        if _kind(one.fitted) == _kind(answer.fitted) and _size(one.fitted) < _size(answer.fitted)
+        and closed(one.polished.remains, answer.polished.remains) < _HALF
     ]  # fmt: skip
     return simpler[0] if simpler else chosen
 
@@ -98,7 +103,7 @@ def share_among(best: Fitted, twins: Mapping[str, Sequence[Candidate]]) -> float
 
 
 def rivals_of(
-    search: Search, weighed: Sequence[tuple[Fitted, Polished, float]], chosen: int, trust: float, leaves: bool
+    search: Search, weighed: Sequence[Weighed], chosen: int, trust: float, leaves: bool
 ) -> tuple[float, list[tuple[Fitted, float]], list[Fitted]]:
     """Probability of the answer among those with as many laws; others with theirs; the same laws elsewhere.
 
@@ -108,13 +113,13 @@ def rivals_of(
             explain the logs as well act the same on them; they count for the answer.
     """
     best, _, evidence = weighed[chosen]
-    same = [one for one in weighed if len(one[0].laws) == len(best.laws)]
+    same = [one for one in weighed if len(one.fitted.laws) == len(best.laws)]
     # Rivals that need a parameter beyond its tolerance, where the answer does not, are no rivals.
-    same = [one for one in same if one[2] <= evidence or not search.far(one[1].constants)]
+    same = [one for one in same if one.evidence <= evidence or not search.far(one.polished.constants)]
     # The same laws at other places of the same components are the same answer.
     merged: dict[tuple[tuple[str, int], ...], list[Any]] = {}
     elsewhere: list[Fitted] = []
-    for one, _, nats in sorted(same, key=lambda each: each[0] is not best):
+    for one, _, nats in sorted(same, key=lambda each: each.fitted is not best):
         weight = float(np.exp(np.clip((nats - evidence) / _TEMPERATURE, -700.0, 0.0)))
         alike = not leaves and _names(one) == _names(best) and abs(nats - evidence) < _AS_LIKELY
         if alike and _alias(one) != _alias(best):

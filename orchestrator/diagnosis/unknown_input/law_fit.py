@@ -18,7 +18,7 @@ from .laws import Law, dimension, library
 from .model import StateModel
 from .places import Ranked, Runs, loglik, smoothed_at
 
-__all__ = ["Candidate", "Fitted", "fit", "readable", "screened", "spread_out", "starts_of"]
+__all__ = ["Candidate", "Fitted", "fit_by_filter", "readable", "screened", "spread_out", "starts_of"]
 
 Array = NDArray[np.float64]
 # Samples of a run that the regression looks at.
@@ -280,7 +280,7 @@ def _regressed(
     return alone, beside
 
 
-def fit(
+def fit_by_filter(
     runs: Runs, laws: Sequence[Candidate], beside: Ranked | None = None, start: Array | None = None
 ) -> Fitted:
     """Fit laws together: passes of the filter, each linearised where the last one ended.
