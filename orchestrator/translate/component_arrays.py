@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 
 from ..base.errors import BuildError
+from .built_in import BUILT_IN, FUNCTIONS
 from .declared_classes import ClassPart, DeclaredClass, DeclaredClasses, own_tokens
 from .lexer import Token, closing
 from .modifiers import arguments
@@ -20,7 +21,6 @@ from .sources import SourceTree
 __all__ = ["dimensions", "refuse_single_components", "with_component_arrays"]
 
 _INDEX = "adapted_index"
-_SCALAR_FUNCTIONS = frozenset("abs sqrt exp log log10 sin cos tan asin acos atan sinh cosh tanh".split())
 _SIGNS = frozenset(("(", ")", "+", "-", "*", "/", ".*", "./", ".+", ".-"))
 _CLASS = re.compile(r"\b(?:model|block|class|connector|record)\s+\w+")
 _MOST_ROUNDS = 20
@@ -157,7 +157,7 @@ class _Components(DeclaredClasses):
             elif behind > at and tokens[behind].text == "(":
                 inner = [words_of(tokens[a : b + 1]) for a, b in arguments(tokens, behind)]
                 name = words_of(tokens[at:behind])
-                if name in _SCALAR_FUNCTIONS:
+                if name in FUNCTIONS and BUILT_IN[name].inputs == 1:
                     words.append(name)
                     at = behind
                     continue

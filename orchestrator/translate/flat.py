@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from .built_in import BUILT_IN
 from .sources import Location
 
 TIME = "time"
@@ -73,10 +74,10 @@ EQUALITIES = frozenset({"==", "<>"})
 LOGIC = frozenset({"and", "or", "not"})
 ARITHMETIC = frozenset({"+", "-", "*", "/", "^", "negate"})
 # These jump or have a kink where Modelica raises an event (MLS 3.7.2).
-STEPPED = frozenset({"floor", "ceil", "integer", "mod", "rem", "div"})
 KINKED = frozenset({"abs", "sign"})
-SMOOTH = frozenset("sqrt sin cos tan asin acos atan atan2 sinh cosh tanh exp log log10 min max".split())
-OPERATIONS = RELATIONS | EQUALITIES | LOGIC | ARITHMETIC | STEPPED | KINKED | SMOOTH
+STEPPED = frozenset(name for name, one in BUILT_IN.items() if one.jumps) - KINKED
+_OF_NUMBERS = frozenset(name for name, one in BUILT_IN.items() if one.value)
+OPERATIONS = RELATIONS | EQUALITIES | LOGIC | ARITHMETIC | _OF_NUMBERS
 
 
 class Type(StrEnum):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
+from .built_in import BUILT_IN
 from .flat import Delay, Derivative, If, Literal, Node, NoEvent, Operation, Reference
 
 Value = float | bool
@@ -15,10 +16,6 @@ def _power(base: float, exponent: float) -> float:
     if isinstance(result, complex):
         raise ValueError("power of a negative number")
     return result
-
-
-def _integer_quotient(one: float, other: float) -> float:
-    return float(math.trunc(one / other))
 
 
 _OPERATIONS: dict[str, Callable[..., Value]] = {
@@ -37,20 +34,7 @@ _OPERATIONS: dict[str, Callable[..., Value]] = {
     "and": lambda a, b: bool(a) and bool(b),
     "or": lambda a, b: bool(a) or bool(b),
     "not": lambda a: not a,
-    "abs": abs,
-    "sign": lambda a: float((a > 0) - (a < 0)),
-    "floor": lambda a: float(math.floor(a)),
-    "integer": lambda a: float(math.floor(a)),
-    "ceil": lambda a: float(math.ceil(a)),
-    "mod": lambda a, b: a - math.floor(a / b) * b,
-    "div": _integer_quotient,
-    "rem": lambda a, b: a - _integer_quotient(a, b) * b,
-    "min": min,
-    "max": max,
-    "log": math.log,
-    "log10": math.log10,
-    **{name: getattr(math, name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2")},
-    **{name: getattr(math, name) for name in ("sinh", "cosh", "tanh", "exp")},
+    **{name: one.value for name, one in BUILT_IN.items() if one.value},
 }
 
 

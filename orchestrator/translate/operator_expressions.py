@@ -6,11 +6,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
+from .built_in import BUILT_IN
 from .component_arrays import dimensions
 from .declared_classes import DeclaredClass
 from .lexer import closing
 from .operator_calls import OperatorCalls
-from .operator_values import INDEX, OTHERS, REALS, SAME_TYPE, SUM, NotRead, Value, over_elements
+from .operator_values import INDEX, SUM, NotRead, Value, over_elements
 from .source_edits import words_of
 
 __all__ = ["Expressions"]
@@ -119,7 +120,7 @@ class Expressions(OperatorCalls):
             if token.text == "der" and values and values[0].is_record:
                 return self._of_each_member("der", values, f"der({texts})")
             sizes = values[0].sizes if values else ()
-            return Value(f"{token.text}({texts})", OTHERS.get(token.text, "Real"), sizes)
+            return Value(f"{token.text}({texts})", "Boolean" if token.text == "initial" else "Real", sizes)
         if token.kind == "name" or token.text == ".":
             return self._reference()
         raise NotRead
@@ -325,11 +326,13 @@ class Expressions(OperatorCalls):
         found = self.known.kind(path, self.one.name)
         records = any(one.is_record for one in values)
         if found[1] is None and name.removeprefix(".") == last:
-            if last in SAME_TYPE and values:
+            result = BUILT_IN[last].result if last in BUILT_IN else None
+            if result == "" and values:
                 return self._of_each_member(last, values, text)
-            if last in OTHERS or (last in REALS and not over and not records):
-                sizes = next((one.sizes for one in values if one.sizes), ()) if last in REALS else ()
-                return Value(text, OTHERS.get(last, "Real"), sizes)
+            if result == "Real" and not over and not records:
+                return Value(text, result, next((one.sizes for one in values if one.sizes), ()))
+            if result in ("Integer", "Boolean"):
+                return Value(text, result)
             if last == "fill" and values:
                 sizes = tuple(one.text for one in values[1:])
                 return Value(text, values[0].kind, sizes, values[0].text if len(sizes) == 1 else "")
@@ -350,7 +353,7 @@ class Expressions(OperatorCalls):
             return self._constructed(begin, found[0], values, names, text)
         if found[1] is None or found[1].kind != "function":
             return Value(text, "other" if found[1] is not None else "")
-        if len(path) == 1 and name in {*REALS, *OTHERS, "sum", "product"}:
+        if len(path) == 1 and (name in ("sum", "product") or (name in BUILT_IN and BUILT_IN[name].result)):
             # The compiler would take the built-in one.
             scope = found[1].name.rpartition(".")[0]
             text = f"{self._path(f'.{scope}')}.{text}"

@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 __all__ = [
-    "INDEX", "MAKER", "OTHERS", "REALS", "SAME_TYPE", "SUM", "NotRead", "Value", "built_in_operator", "fits",
-    "getter", "over_elements",
+    "INDEX", "MAKER", "SUM", "NotRead", "Value", "built_in_operator", "fits", "getter", "over_elements",
 ]  # fmt: skip
 
 INDEX = "adapted_index"
@@ -16,17 +15,6 @@ MAKER = "adapted_record"
 """The function of a record that makes one of its members."""
 SUM = "adapted_sum"
 """The function of a record that sums a vector."""
-REALS = frozenset(
-    "abs sqrt exp log log10 sin cos tan asin acos atan atan2 sinh cosh tanh sign mod rem div max min floor "
-    "ceil der delay semiLinear".split()
-)
-"""Built-in functions that give Reals."""
-OTHERS = dict.fromkeys(("size", "integer", "ndims"), "Integer") | dict.fromkeys(
-    ("initial", "sample", "edge", "change", "terminal"), "Boolean"
-)
-"""Types of other built-in functions."""
-SAME_TYPE = frozenset(("noEvent", "pre", "smooth", "homotopy", "inStream", "actualStream"))
-"""Functions of their arguments' type; those of records are applied to each member."""
 _TRUTHS = frozenset(("or", "and", "<", "<=", ">", ">=", "==", "<>"))
 
 

@@ -15,6 +15,7 @@ from typing import Any
 from orchestrator.base.errors import BuildError, listed, nearest
 from orchestrator.base.temporary_folders import scratch_folder
 
+from .built_in import ARRAY_FUNCTIONS, BUILT_IN
 from .classes import ModelicaClass, find_classes, within_clause
 from .lexer import Token, tokenise
 
@@ -27,13 +28,9 @@ _DELAY_DECLARATION = (
 )
 # Names of the language: a variable that differs from one of them in case only is not taken for it.
 _PREDEFINED = frozenset(
-    "Real Integer Boolean String StateSelect AssertionLevel Modelica Complex time der start fixed min max "
-    "nominal unit displayUnit quantity stateSelect unbounded abs sign sqrt div mod rem ceil floor integer "
-    "sin cos tan asin acos atan atan2 sinh cosh tanh exp log log10 size ndims fill zeros ones linspace "
-    "sum product transpose identity diagonal cat scalar vector matrix symmetric cross skew outerProduct "
-    "initial terminal noEvent smooth sample pre edge change reinit delay assert terminate semiLinear "
-    "homotopy inStream actualStream".split()
-)
+    "Real Integer Boolean String StateSelect AssertionLevel Modelica Complex time start fixed "
+    "nominal unit displayUnit quantity stateSelect unbounded reinit assert terminate".split()
+).union(BUILT_IN, ARRAY_FUNCTIONS)
 _BEFORE_DECLARED = frozenset({"]", "Real", "Integer", "Boolean", "String", "function"})
 
 

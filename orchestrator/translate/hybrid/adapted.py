@@ -12,6 +12,7 @@ from itertools import pairwise
 
 from orchestrator.base.digests import digest_of
 
+from ..built_in import BUILT_IN, STEPS
 from ..classes import within_clause
 from ..lexer import Token, closing, tokenise
 from ..modifiers import DOTTED, arguments, in_brackets
@@ -44,7 +45,7 @@ _OBJECT = re.compile(
     r"\b(?:class|type|model)\s+(\w+)(?:\s*\"(?:[^\"\\]|\\.)*\")*\s*extends\s+ExternalObject\s*;"
 )
 
-_PLAIN = frozenset("abs sqrt sin cos tan exp log max min sum mod integer".split())
+_KEPT = frozenset(name for name, one in BUILT_IN.items() if one.value and name not in STEPS) | {"sum"}
 _IMPORT = re.compile(r"\bimport\s+(?:\w+\s*=\s*)?([\w.]+)\s*;")
 _INPUT = re.compile(r"\binput\s+([\w.]+)\s+(\w+)\s*(\[[^\]]*\])?")
 
@@ -344,7 +345,7 @@ def _reduces(tokens: Sequence[Token], first: int, end: int) -> bool:
             tokens[place].text for place in range(opening + 1, at)
             if tokens[place].kind == "name" and tokens[place + 1].text == "("
         ]  # fmt: skip
-        if within and set(calls) - _PLAIN:
+        if within and set(calls) - _KEPT:
             return True
     return False
 
@@ -464,18 +465,6 @@ def _functions(
             yield _Edit(tokens[one.start].start, tokens[one.start].start, "pure ")
         old = _slice(text, tokens, one.body, one.end - 1)
         yield _Edit(tokens[one.body].start, _end_of(tokens[one.end - 1]), _lines_kept(old, content))
-
-
-def _jumps(words: Sequence[str]) -> bool:
-    """Whether statements hold while or break, or return within a loop."""
-    if "while" in words or "break" in words:
-        return True
-    loops = 0
-    for before, word in pairwise(words):
-        loops += (word == "for") - 2 * (before == "end" and word == "for")
-        if word == "return" and loops:
-            return True
-    return False
 
 
 def _names(tokens: Sequence[Token], begin: int, end: int) -> list[str]:

@@ -14,18 +14,10 @@ from orchestrator.base.errors import BuildError
 from . import expression as ex
 from .expression import Expr
 
-__all__ = ["FUNCTIONS", "OPERATORS", "REDUCTIONS", "STEPS", "each", "product", "stacked"]
+__all__ = ["OPERATORS", "REDUCTIONS", "each", "product", "stacked"]
 
 _ZERO = ex.ZERO
 _LARGEST = sys.float_info.max  # the least of no numbers, as the language has it
-FUNCTIONS = {
-    "abs": "fabs", "sin": "sin", "cos": "cos", "tan": "tan", "asin": "asin", "acos": "acos", "atan": "atan",
-    "atan2": "atan2", "sinh": "sinh", "cosh": "cosh", "tanh": "tanh", "exp": "exp", "log": "log",
-    "log10": "log10", "sqrt": "sqrt",
-}  # fmt: skip
-
-# Functions whose value jumps: outside noEvent they are held between events.
-STEPS = {"floor": "floor", "ceil": "ceil", "integer": "floor", "sign": "sign"}
 
 
 def each(make: Callable[..., Expr], *values: Any) -> Any:

@@ -12,6 +12,8 @@ from typing import Any
 
 from orchestrator.base.errors import BuildError
 
+from ..built_in import BUILT_IN
+
 __all__ = ["Expr", "NoDerivative", "add", "div", "make", "mul", "neg", "number", "sub", "symbol", "symbols"]
 
 
@@ -232,12 +234,8 @@ def function(name: str, *args: Expr) -> Expr:
 
 
 _VALUES: dict[str, Callable[..., float]] = {
-    "sin": math.sin, "cos": math.cos, "tan": math.tan, "asin": math.asin, "acos": math.acos,
-    "atan": math.atan,
-    "atan2": math.atan2, "sinh": math.sinh, "cosh": math.cosh, "tanh": math.tanh, "exp": math.exp,
-    "log": math.log, "log10": math.log10, "sqrt": math.sqrt, "fabs": abs, "floor": math.floor,
-    "ceil": math.ceil,
-    "trunc": math.trunc, "fmin": min, "fmax": max, "sign": lambda x: (x > 0) - (x < 0), "pow": pow,
+    **{one.in_c: one.value for one in BUILT_IN.values() if one.value and one.in_c},
+    "trunc": math.trunc, "fmin": min, "fmax": max, "pow": pow,
 }  # fmt: skip
 
 

@@ -16,8 +16,6 @@ from orchestrator.base.digests import digest_of, file_digest
 from orchestrator.base.errors import BuildError
 from orchestrator.base.temporary_folders import cache_folder, keep_last_used
 
-from .. import operator_calls, operator_expressions, operator_values, overloaded, typed_classes
-from .. import specialised as classes
 from ..compiler import TIME_LIMIT, compile_model
 from ..complaints import CompilerRefusal, explained
 from ..component_arrays import refuse_single_components, with_component_arrays
@@ -26,7 +24,6 @@ from ..lexer import tokenise
 from ..redeclared import refuse_repeated_redeclarations
 from ..sources import SourceTree, Spans, library_texts
 from ..specialised import specialised, specialised_library
-from . import adapted as rules
 from .adapted import ANY, ANY_MODEL, Objects, Section, Sections, adapted, class_texts, external_objects
 from .buses import refuse_unknown_members, types_of_members, with_members
 from .iterators import with_plain_iterators
@@ -114,8 +111,9 @@ _answers: dict[tuple[object, ...], tuple[dict[str, Any], Spans]] = {}
 _MOST_ANSWERS = 4
 # Modules that rewrite libraries: a copy is of their version.
 _REWRITERS = (
-    rules, classes, overloaded, typed_classes, operator_values, operator_calls, operator_expressions,
-)  # fmt: skip
+    "built_in component_arrays declared_classes modifiers operator_calls operator_expressions "
+    "operator_values overloaded source_edits specialised typed_classes whole_paths hybrid/adapted"
+).split()
 _MOST_COPIES = 4  # of libraries, each of some 26 MB
 _TRANSACTIONS = "model_event_transactions"  # algorithms whose statements depend on each other at an event
 _SECTIONS = "sections.json"  # of the copy of a library
@@ -284,7 +282,7 @@ def _adapted_library(
     kept = cache_folder("libraries") / digest_of(
         json.dumps(
             [
-                [file_digest(Path(one.__file__)) for one in _REWRITERS],
+                [file_digest(Path(__file__).parents[1] / f"{one}.py") for one in _REWRITERS],
                 str(library.resolve()),
                 functions if functions is None else sorted(functions),
                 sections is not None,

@@ -14,6 +14,7 @@ import numpy as np
 
 from orchestrator.base.errors import BuildError
 
+from ..built_in import FUNCTIONS, STEPS
 from . import expression as ex
 from .expression import Expr
 from .statements import RELATIONS, FunctionSource, Node, Parser, Variable
@@ -22,7 +23,6 @@ __all__ = ["CONSTANTS", "Source", "as_call", "call", "function_code", "named_con
 
 Source = Callable[[str], "FunctionSource | None"]
 
-_MATHS = frozenset("sqrt sin cos tan asin acos atan atan2 sinh cosh tanh exp log log10".split())
 CONSTANTS = {
     "pi": np.pi, "e": np.e, "eps": 2.220446049250313e-16, "small": 1e-60, "inf": 1.7976931348623157e308,
     "D2R": np.pi / 180, "R2D": 180 / np.pi,
@@ -373,14 +373,13 @@ class _Writer:
             if axis is None:
                 raise self._error("size() of an axis that is not known beforehand")
             return [_as_value(str(shape[int(axis) - 1]))]
-        source = None if name in _BUILT_IN or name in _MATHS else self._resolved(name)
+        source = None if name in _BUILT_IN else self._resolved(name)
         if source is None:
             arguments = [self._value(one, end) for one in node[2]]
-            if short in _MATHS:
-                return [_map(lambda *x: f"{short}({', '.join(x)})", *arguments)]
-            if name in _BUILT_IN:
-                return [_BUILT_IN[name](arguments)]
-            raise self._error(f"the function {name}()")
+            written = _BUILT_IN.get(short if short in FUNCTIONS else name)  # as Modelica.Math.sin
+            if written is None:
+                raise self._error(f"the function {name}()")
+            return [written(arguments)]
         variables, _ = Parser(source).function()
         inputs = [one for one in variables if one.role == "input"]
         nodes = [*node[2]]
@@ -461,12 +460,13 @@ def _sized(
     return made
 
 
+def _library(name: str) -> Callable[[Sequence[Value]], Value]:
+    return lambda values: _map(lambda *texts: f"{name}({', '.join(texts)})", *values)
+
+
 _BUILT_IN: dict[str, Callable[[Sequence[Value]], Value]] = {
-    "abs": lambda v: _map(lambda a: f"fabs({a})", v[0]),
-    "sign": lambda v: _map(lambda a: f"sign_of({a})", v[0]),
-    "floor": lambda v: _map(lambda a: f"floor({a})", v[0]),
-    "integer": lambda v: _map(lambda a: f"floor({a})", v[0]),
-    "ceil": lambda v: _map(lambda a: f"ceil({a})", v[0]),
+    **{name: _library(in_c) for name, in_c in (FUNCTIONS | STEPS).items()},
+    "sign": _library("sign_of"),
     "Integer": lambda v: v[0],
     "noEvent": lambda v: v[0],
     "smooth": lambda v: v[1],

@@ -17,10 +17,11 @@ import numpy as np
 from orchestrator.base.digests import digest_of
 from orchestrator.base.errors import BuildError
 
+from ..built_in import FUNCTIONS, STEPS
 from ..sources import Location
 from . import expression as ex
 from .adapted import MARK, Section
-from .arrays import FUNCTIONS, OPERATORS, REDUCTIONS, STEPS, each, product, stacked
+from .arrays import OPERATORS, REDUCTIONS, each, product, stacked
 from .expression import Expr
 from .functions import call
 from .statements import FunctionSource, Node, Parser

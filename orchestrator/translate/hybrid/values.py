@@ -11,9 +11,10 @@ import numpy as np
 
 from orchestrator.base.errors import BuildError
 
+from ..built_in import FUNCTIONS, STEPS
 from ..faults import placed
 from . import expression as ex
-from .arrays import FUNCTIONS, OPERATORS, REDUCTIONS, STEPS, each, product, stacked
+from .arrays import OPERATORS, REDUCTIONS, each, product, stacked
 from .calls import Calls
 from .expression import Expr
 from .form import Json, refused, values_of
