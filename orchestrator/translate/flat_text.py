@@ -9,7 +9,7 @@ from itertools import product
 from typing import Any
 
 from .flatten import Json
-from .hybrid.adapted import Section
+from .hybrid.hidden_sections import Section
 from .hybrid.sections import hidden_section
 from .lexer import tokenise
 from .sources import DELAY, Spans

@@ -8,7 +8,7 @@ from itertools import accumulate
 
 from ..package import TOKEN_MARK, c_string
 from . import expression as ex
-from .adapted import MARK
+from .class_bodies import MARK
 from .expression import Expr
 from .form import refused
 from .functions import function_code

@@ -18,10 +18,11 @@ from orchestrator.base.errors import BuildError
 from ..faults import placed
 from ..sources import Location, Spans
 from . import expression as ex
-from .adapted import MARK, Section
+from .class_bodies import MARK
 from .expression import Expr
 from .form import Json, refused
 from .functions import CONSTANTS, Source, named_constant
+from .hidden_sections import Section
 from .model import Action, Branch, Condition, DaeModel, Discrete, Scalar
 from .sections import Run, hidden_section, set_by_events
 from .statements import FunctionSource

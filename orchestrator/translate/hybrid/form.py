@@ -14,9 +14,9 @@ from orchestrator.base.errors import BuildError
 
 from ..sources import Location, Spans
 from . import expression as ex
-from .adapted import Sections
 from .expression import Expr
 from .functions import Source
+from .hidden_sections import Sections
 from .model import Action, Condition, Delay, Scalar
 from .tables import Table
 

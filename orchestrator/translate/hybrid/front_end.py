@@ -24,8 +24,11 @@ from ..lexer import tokenise
 from ..redeclared import refuse_repeated_redeclarations
 from ..sources import SourceTree, Spans, library_texts
 from ..specialised import specialised, specialised_library
-from .adapted import ANY, ANY_MODEL, Objects, Section, Sections, adapted, class_texts, external_objects
+from .adapted import ANY, ANY_MODEL, adapted
 from .buses import refuse_unknown_members, types_of_members, with_members
+from .class_bodies import class_texts
+from .external_objects import Objects, external_objects
+from .hidden_sections import Section, Sections
 from .iterators import with_plain_iterators
 from .statements import FunctionSource
 
@@ -112,7 +115,9 @@ _MOST_ANSWERS = 4
 # Modules that rewrite libraries: a copy is of their version.
 _REWRITERS = (
     "built_in component_arrays declared_classes modifiers operator_calls operator_expressions "
-    "operator_values overloaded source_edits specialised typed_classes whole_paths hybrid/adapted"
+    "operator_values overloaded source_edits specialised typed_classes whole_paths hybrid/adapted "
+    "hybrid/class_bodies hybrid/external_functions hybrid/external_objects hybrid/hidden_sections "
+    "hybrid/reductions"
 ).split()
 _MOST_COPIES = 4  # of libraries, each of some 26 MB
 _TRANSACTIONS = "model_event_transactions"  # algorithms whose statements depend on each other at an event

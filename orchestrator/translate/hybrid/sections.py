@@ -20,10 +20,11 @@ from orchestrator.base.errors import BuildError
 from ..built_in import FUNCTIONS, STEPS
 from ..sources import Location
 from . import expression as ex
-from .adapted import MARK, Section
 from .arrays import OPERATORS, REDUCTIONS, each, product, stacked
+from .class_bodies import MARK
 from .expression import Expr
 from .functions import call
+from .hidden_sections import Section
 from .statements import FunctionSource, Node, Parser
 
 __all__ = ["Run", "hidden_section", "set_by_events"]

@@ -9,7 +9,7 @@ from typing import Any
 from orchestrator.base.errors import BuildError
 
 from ..lexer import Token, tokenise
-from .adapted import function_body
+from .class_bodies import function_body
 
 __all__ = ["RELATIONS", "FunctionSource", "Node", "Parser", "Variable"]
 
