@@ -6,8 +6,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["ARRAY_FUNCTIONS", "BUILT_IN", "FUNCTIONS", "STEPS", "BuiltIn"]
-
 
 @dataclass(frozen=True)
 class BuiltIn:

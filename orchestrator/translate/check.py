@@ -19,8 +19,6 @@ from .faults import Fault, faults_of, illustrated
 from .pinpoint import statements
 from .sources import Location, SourceTree, load_sources
 
-__all__ = ["Finding", "ModelCheck", "check_model"]
-
 _LONGEST = 1.5  # [s], after which no further try begins
 _UNDECLARED = re.compile(r"`([A-Za-z_]\w*)` is declared nowhere")
 

@@ -17,8 +17,6 @@ from orchestrator.base.errors import BuildError
 
 from .sources import SourceTree
 
-__all__ = ["TIME_LIMIT", "Answer", "compile_model"]
-
 TIME_LIMIT = 120.0
 """The compiler has models that it never ends with: seconds of the processor, which others may use, too."""
 # Times the limit that may pass by the clock.

@@ -12,8 +12,6 @@ from .classes import ModelicaClass, used_classes
 from .pinpoint import offending_place
 from .sources import Location, SourceTree
 
-__all__ = ["UNBALANCED", "CompilerRefusal", "explained"]
-
 UNBALANCED = "unbalanced model"
 """Of the compiler's message about a model with too many or too few equations."""
 

@@ -22,8 +22,6 @@ from .traced import Tape, Traced, TraceError
 from .traced_library import tracing_numpy
 from .traced_module import instrument, loaded_copy, source_line
 
-__all__ = ["ComponentProgram", "Outcome", "StepVariable", "trace_component"]
-
 OK, WARNING, DISCARD, ERROR = "RT_OK", "RT_WARNING", "RT_DISCARD", "RT_ERROR"
 
 

@@ -18,8 +18,6 @@ from .modifiers import arguments
 from .source_edits import edited, outermost, path_end, path_of, text_end, words_of
 from .sources import SourceTree
 
-__all__ = ["dimensions", "refuse_single_components", "with_component_arrays"]
-
 _INDEX = "adapted_index"
 _SIGNS = frozenset(("(", ")", "+", "-", "*", "/", ".*", "./", ".+", ".-"))
 _CLASS = re.compile(r"\b(?:model|block|class|connector|record)\s+\w+")

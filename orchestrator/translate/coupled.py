@@ -18,8 +18,6 @@ from orchestrator.base.temporary_folders import scratch_root
 
 from .package import PLATFORMS, FmiVersion, compile_library, interface_headers
 
-__all__ = ["binary", "build_binaries", "coupled_sources"]
-
 _FOLDER = Path(__file__).parent / "binaries"
 _VERSIONS: tuple[FmiVersion, ...] = ("2.0", "3.0")
 _SHARED = ("log.c", "model.h", "runtime.h")

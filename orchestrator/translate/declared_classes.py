@@ -10,18 +10,6 @@ from .classes import within_clause
 from .lexer import Token, closing, tokenise
 from .source_edits import path_end, path_of, statement_end
 
-__all__ = [
-    "COPIED",
-    "KINDS",
-    "PREFIXES",
-    "Changes",
-    "ClassPart",
-    "DeclaredClass",
-    "DeclaredClasses",
-    "Replacement",
-    "own_tokens",
-]
-
 KINDS = frozenset("class model block connector type package function record".split())
 PREFIXES = frozenset(
     "redeclare final inner outer replaceable encapsulated partial flow stream discrete parameter constant "

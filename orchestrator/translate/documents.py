@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from .generate import TableEntry
     from .program import Program
 
-__all__ = ["model_sections", "sources_used"]
-
 _ESCAPED = re.compile(r"\\(.)", re.DOTALL)
 _FRAME = re.compile(r"</?(?:html|head|body|script)[^>]*>", re.IGNORECASE)
 

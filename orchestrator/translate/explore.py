@@ -14,8 +14,6 @@ from typing import Any
 
 from .traced import Tape, Traced, TraceError
 
-__all__ = ["Explorer", "Leaf"]
-
 MOST_PATHS = 2000
 _MISSING = object()
 

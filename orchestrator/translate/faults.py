@@ -11,8 +11,6 @@ from orchestrator.base.errors import BuildError
 
 from .sources import Location, SourceTree
 
-__all__ = ["Fault", "PlacedError", "faults_of", "illustrated", "placed"]
-
 _FILE = r"(?:[A-Za-z]:)?[^:,\n]+?\.mo"
 _PLACE = re.compile(rf"\s*({_FILE}):(\d+)(?::(\d+))?")
 _HEAD = re.compile(rf"(?:{_FILE}:\d+(?::\d+)?(?:, |(?=: )))+: ")

@@ -14,8 +14,6 @@ from .hybrid.sections import hidden_section
 from .lexer import tokenise
 from .sources import DELAY, Spans
 
-__all__ = ["flat_modelica", "quoted"]
-
 _SIGNS = {
     "Or": ("or", 1), "And": ("and", 2), "Lt": ("<", 4), "Le": ("<=", 4), "Gt": (">", 4), "Ge": (">=", 4),
     "Eq": ("==", 4), "Neq": ("<>", 4), "Add": ("+", 5), "Sub": ("-", 5), "AddElem": (".+", 5),

@@ -16,8 +16,6 @@ from orchestrator.base.units import BASE_NAMES, UnitError, parse_unit
 from .flatten import Json
 from .sources import Location
 
-__all__ = ["unit_faults"]
-
 _SAME = frozenset("Pre NoEvent Smooth Abs Min Max Sum Delay Homotopy Floor Ceil Hold Fill".split())
 _PLAIN = frozenset("Exp Log Log10 Sinh Cosh Tanh Asin Acos Atan".split())
 _ANGLES = frozenset("Sin Cos Tan".split())

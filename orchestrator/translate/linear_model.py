@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
     from .build_report import BuildReport
 
-__all__ = ["as_state_space", "build_linear", "is_linear", "kept_fmu", "linear_text", "port_names"]
-
 _NAME = re.compile(r"[A-Za-z]\w*")
 _DEFAULT_LABEL = re.compile(r"([uyx])\[\d+\]")
 _MOST_KEPT = 100  # FMUs, each of some 0.2 MB

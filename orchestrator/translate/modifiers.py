@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 
 from .lexer import Token, closing
 
-__all__ = ["DOTTED", "Modifiers", "arguments", "complete", "in_brackets", "modifiers_of", "words", "written"]
-
 DOTTED = re.compile(r"[(,]\s*(?:(?:each|final)\s+)*\w+(?:\s*\.\s*\w+)+\s*=(?!=)")
 """What stands in every file with such a modifier, unless comments separate it."""
 _PREFIXES = ("each", "final")

@@ -16,8 +16,6 @@ from .presentation import Section, dress, sources_of
 from .python_fmu import described_model, docstrings, source_files
 from .shared_source import assembled
 
-__all__ = ["build_native_fmu"]
-
 
 def build_native_fmu(
     script: Path, output: Path, *, fmi_version: str = "2.0", platforms: Sequence[str] = ALL

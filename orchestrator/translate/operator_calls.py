@@ -13,8 +13,6 @@ from .operator_values import MAKER, Value, built_in_operator, fits, getter, over
 from .sources import location
 from .typed_classes import TypedClasses
 
-__all__ = ["OperatorCalls"]
-
 
 @dataclass
 class OperatorCalls:

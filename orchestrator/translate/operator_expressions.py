@@ -14,8 +14,6 @@ from .operator_calls import OperatorCalls
 from .operator_values import INDEX, SUM, NotRead, Value, over_elements
 from .source_edits import words_of
 
-__all__ = ["Expressions"]
-
 _COUNTED = re.compile(r"for (\w+) in 1 : ([^,]+)")
 _LEVELS = (
     ("or",), ("and",), ("<", "<=", ">", ">=", "==", "<>"), ("+", "-", ".+", ".-"), ("*", "/", ".*", "./"),

@@ -5,10 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-__all__ = [
-    "INDEX", "MAKER", "SUM", "NotRead", "Value", "built_in_operator", "fits", "getter", "over_elements",
-]  # fmt: skip
-
 INDEX = "adapted_index"
 """The iterator over elements of arrays."""
 MAKER = "adapted_record"

@@ -23,8 +23,6 @@ from .operator_values import INDEX, MAKER, SUM, NotRead, Value, getter
 from .source_edits import edited, path_end, path_of, statement_end, text_end, words_of
 from .typed_classes import BUILT_IN, TypedClasses, binding, is_overloading
 
-__all__ = ["overloads", "with_calls"]
-
 _RECORD = re.compile(r"\boperator\s+record\b")
 _ENDS = frozenset((";", ",", ")", "then", "loop", "annotation", "if", "constrainedby"))
 

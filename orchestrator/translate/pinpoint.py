@@ -8,8 +8,6 @@ from dataclasses import replace
 from .lexer import Token
 from .sources import Location, SourceTree
 
-__all__ = ["offending_place", "statements"]
-
 # Each try compiles the model once.
 _MOST_TRIES = 150
 _OPENING = ("for", "if", "when", "while")

@@ -17,8 +17,6 @@ from typing import Any
 
 from orchestrator.base.provenance import versions
 
-__all__ = ["PROVENANCE", "Section", "dress", "source_digest", "sources_of", "text_section"]
-
 Section = tuple[str, str]
 """A heading and what stands below it, as HTML."""
 PROVENANCE = "extra/orchestrator/provenance.json"

@@ -45,8 +45,6 @@ except ImportError as error:
         f"Python FMU: the package {error.name} is not installed; run `pip install 'orchestrator[build]'`"
     ) from error
 
-__all__ = ["build_python_fmu", "docstrings", "main", "source_files"]
-
 _OPTIONS = {
     # Python itself is the tool that has to be there.
     "needsExecutionTool": True,

@@ -13,8 +13,6 @@ from .classes import ModelicaClass, used_classes
 from .lexer import CLOSING, OPENING, Token
 from .sources import SourceTree
 
-__all__ = ["refuse_repeated_redeclarations"]
-
 _PREFIXES = frozenset(
     "public protected final inner outer replaceable redeclare parameter constant flow stream input output "
     "discrete each".split()

@@ -13,8 +13,6 @@ from pathlib import Path
 
 from orchestrator.base.errors import BuildError
 
-__all__ = ["Piece", "assembled", "pieces"]
-
 _FOLDER = "shared"
 
 

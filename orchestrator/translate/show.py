@@ -13,8 +13,6 @@ from .sources import load_sources
 if TYPE_CHECKING:
     from .program import Program
 
-__all__ = ["Stage", "show_model"]
-
 Stage = Literal["flat", "blocks"]
 
 

@@ -18,8 +18,6 @@ from .classes import used_classes
 from .lexer import CLOSING, OPENING, Token, tokenise
 from .sources import SourceTree
 
-__all__ = ["refuse_large_sizes", "refuse_other_sizes"]
-
 # Models of some thousand elements take minutes to build.
 _LARGEST_SIZE, _MOST_ELEMENTS, _LARGEST_BOUND = 100_000, 10_000_000, 1_000_000
 _LONGEST = 40  # tokens of an expression that is looked at

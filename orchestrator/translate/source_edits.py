@@ -7,17 +7,6 @@ from collections.abc import Iterable, Sequence
 from .lexer import Token, closing, tokenise
 from .sources import line_mark
 
-__all__ = [
-    "edited",
-    "on_one_line",
-    "outermost",
-    "path_end",
-    "path_of",
-    "statement_end",
-    "text_end",
-    "words_of",
-]
-
 
 def path_end(tokens: Sequence[Token], at: int) -> int:
     """The index behind a path, which may begin with a dot."""

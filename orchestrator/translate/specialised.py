@@ -36,8 +36,6 @@ from .sources import SourceTree, line_mark, location
 from .typed_classes import is_overloading
 from .whole_paths import WholePaths
 
-__all__ = ["specialised", "specialised_library"]
-
 _NAMED = re.compile(r"\b(function|package|outer)\b|\bconnect\s*\([^;]*\]\s*[,)]")
 _LARGEST = 3_000_000  # characters of a library; the Modelica Standard Library has more
 _CONCERNED = re.compile(r"\b(package|record|redeclare)\b|\bextends\s+[\w.]+\s*\(|=\s*[\w.]+\s*\(\s*\w+\s*\(")

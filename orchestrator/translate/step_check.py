@@ -14,8 +14,6 @@ from orchestrator.base.errors import BuildError
 
 from .component import DISCARD, ERROR, ComponentProgram
 
-__all__ = ["check_component"]
-
 TOLERANCE = 1e-9
 """Largest difference, relative to the largest size that the number has had. Matrix products of numpy round in
 an order of their own; so much may such a difference grow in a few hundred steps."""

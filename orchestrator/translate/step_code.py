@@ -12,8 +12,6 @@ from .component import ComponentProgram, StepVariable
 from .generate import trimmed, work_array
 from .package import TOKEN_MARK, c_string
 
-__all__ = ["generate_step_c"]
-
 _KINDS = {"float": "NUMBER_FLOAT", "int": "NUMBER_INT", "bool": "NUMBER_BOOL"}
 _TYPES = {"float": "TYPE_REAL", "int": "TYPE_INTEGER", "bool": "TYPE_BOOLEAN"}
 _FORMAT = re.compile(r"(\.\d+)?[efgEG]\Z")

@@ -14,8 +14,6 @@ from lxml import etree
 from .component import ComponentProgram
 from .package import LOG_CATEGORIES
 
-__all__ = ["describe_native"]
-
 _NEVER_TRUE = ("needsExecutionTool", "canRunAsynchronuously", "canBeInstantiatedOnlyOncePerProcess")
 _TYPES3 = {"Real": "Float64", "Integer": "Int32", "Enumeration": "Int32", "Boolean": "Boolean"}
 

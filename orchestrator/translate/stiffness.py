@@ -11,8 +11,6 @@ from scipy.sparse import csc_matrix
 from .generate import variable_table
 from .program import Program
 
-__all__ = ["explicit_steps"]
-
 _STABLE = 3.3  # the explicit method is stable where the step times an eigenvalue is below this
 _POINTS = 30  # of the experiment at which eigenvalues are looked at
 _MOST_STATES = 1000  # of a nonlinear model that is followed through the experiment; else its start counts

@@ -16,8 +16,6 @@ import numpy as np
 
 from orchestrator.base.errors import BuildError
 
-__all__ = ["LARGEST", "OPERATIONS", "Tape", "TraceError", "Traced", "TracedText"]
-
 LARGEST = 1.7976931348623157e308
 _OPEN, _CLOSE = "\ue000", "\ue001"  # private-use characters: no message has them
 

@@ -13,8 +13,6 @@ import numpy as np
 
 from .traced import LARGEST, OPERATIONS, Tape, Traced, TraceError
 
-__all__ = ["SHADOWS", "TracedMath", "tracing_numpy"]
-
 
 class TracedMath:
     """The module `math` for plain and traced numbers."""

@@ -19,8 +19,6 @@ from .explore import Explorer
 from .shared_source import pieces
 from .traced_library import SHADOWS, TracedMath
 
-__all__ = ["instrument", "loaded_copy", "source_line"]
-
 
 def source_line(error: BaseException, script: Path) -> str:
     """The line that an error comes from: ":12" of the script, ", shared/x.py:12" of a module; "" if none."""

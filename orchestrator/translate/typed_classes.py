@@ -11,8 +11,6 @@ from .declared_classes import ClassPart, DeclaredClass, DeclaredClasses
 from .lexer import closing
 from .source_edits import path_of, words_of
 
-__all__ = ["BUILT_IN", "Component", "Input", "TypedClasses", "binding", "is_overloading"]
-
 BUILT_IN = frozenset(("Real", "Integer", "Boolean", "String"))
 Component = tuple[DeclaredClass, ClassPart, int]
 """The class that declares a component, its clause, and the index of its name."""

@@ -10,8 +10,6 @@ from .expressions import Json
 from .lexer import Token, tokenise
 from .sources import SourceTree
 
-__all__ = ["keep_unit_arrays"]
-
 _TEXTS = {"unit": "unit", "displayUnit": "display_unit", "quantity": "quantity"}
 
 

@@ -10,8 +10,6 @@ from .lexer import closing
 from .modifiers import arguments
 from .source_edits import edited, path_end, path_of, text_end, words_of
 
-__all__ = ["WholePaths"]
-
 
 class WholePaths(DeclaredClasses):
     """Sources that name functions and packages by whole paths.

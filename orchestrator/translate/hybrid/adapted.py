@@ -15,8 +15,6 @@ from .external_objects import Objects, with_objects_as_numbers
 from .hidden_sections import Sections, with_whens_as_sections, without_sections
 from .reductions import with_reductions_as_equations
 
-__all__ = ["ANY", "ANY_MODEL", "adapted", "has_dotted_modifiers"]
-
 ANY = f"{MARK}any"
 ANY_MODEL = f"partial model {ANY}\nend {ANY};\n"
 """What every model extends: the compiler asks for a common ancestor where Modelica asks for equal parts."""

@@ -14,8 +14,6 @@ from orchestrator.base.errors import BuildError
 from . import expression as ex
 from .expression import Expr
 
-__all__ = ["OPERATORS", "REDUCTIONS", "each", "product", "stacked"]
-
 _ZERO = ex.ZERO
 _LARGEST = sys.float_info.max  # the least of no numbers, as the language has it
 

@@ -11,8 +11,6 @@ from .matching import Block
 from .model import Condition, DaeModel
 from .structure import System
 
-__all__ = ["blocks_text"]
-
 _SIGNS = {
     "or": ("or", 1), "and": ("and", 2), "lt": ("<", 4), "le": ("<=", 4), "gt": (">", 4), "ge": (">=", 4),
     "eq": ("==", 4), "ne": ("<>", 4), "add": ("+", 5), "sub": ("-", 5), "mul": ("*", 6), "div": ("/", 6),

@@ -24,8 +24,6 @@ from .front_end import FunctionTexts, dae_form
 from .model import DaeModel
 from .structure import System, solve_order, unbalanced
 
-__all__ = ["counted", "read", "solved", "translate_hybrid", "understood"]
-
 _DEEPEST = 12_000  # calls of Python, for expressions of recursive functions
 
 

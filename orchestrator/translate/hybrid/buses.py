@@ -15,8 +15,6 @@ from ..classes import ModelicaClass, find_classes
 from ..lexer import Token, closing
 from ..sources import SourceTree
 
-__all__ = ["refuse_unknown_members", "types_of_members", "with_members"]
-
 _MARK = "member of a bus: "
 _TYPES = {"TypeId(0)": "Real", "TypeId(1)": "Integer", "TypeId(2)": "Boolean"}
 _UNLIKE = re.compile(

@@ -23,8 +23,6 @@ from .functions import call
 from .model import Delay
 from .tables import Table, read_table
 
-__all__ = ["Calls"]
-
 _DEEPEST_CALL = 200
 _MOST_DELAYS = 64  # as in hybrid.h  # as in hybrid.h
 

@@ -10,8 +10,6 @@ from ..classes import within_clause
 from ..lexer import Token, closing, tokenise
 from ..source_edits import text_end
 
-__all__ = ["CLASS_KINDS", "MARK", "ClassBody", "Edit", "ModelicaFile", "class_texts", "function_body"]
-
 MARK = "adapted_"
 """Names that begin with this are made for the compiler; `dae` knows what they stand for."""
 Edit = tuple[int, int, str]

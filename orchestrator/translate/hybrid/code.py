@@ -18,8 +18,6 @@ from .sparsity import colours_of, columns_of, factors_of
 from .structure import System
 from .tables import table_code
 
-__all__ = ["Layout", "Port", "generate_hybrid_c", "layout_of", "margins_of"]
-
 _INFIX = {
     "add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==",
     "ne": "!=", "and": "&&", "or": "||",

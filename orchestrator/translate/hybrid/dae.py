@@ -28,8 +28,6 @@ from .sections import Run, hidden_section, set_by_events
 from .statements import FunctionSource
 from .values import Values
 
-__all__ = ["read_dae"]
-
 _ROLES = {
     "discrete_real": "discrete", "discrete_value": "discrete", "constant": "parameter", "output": "algebraic",
 }  # fmt: skip  # fmt: skip

@@ -10,8 +10,6 @@ from ..description import written
 from ..package import LOG_CATEGORIES
 from .code import Layout, Port, margins_of
 
-__all__ = ["describe_hybrid"]
-
 _FMI2 = {"real": "Real", "boolean": "Boolean"}
 _FMI3 = {"real": "Float64", "boolean": "Boolean"}
 

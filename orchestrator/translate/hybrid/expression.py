@@ -14,8 +14,6 @@ from orchestrator.base.errors import BuildError
 
 from ..built_in import BUILT_IN
 
-__all__ = ["Expr", "NoDerivative", "add", "div", "make", "mul", "neg", "number", "sub", "symbol", "symbols"]
-
 
 class NoDerivative(BuildError):
     """An expression whose derivative cannot be written."""

@@ -13,8 +13,6 @@ from orchestrator.base.errors import BuildError
 
 from .functions import as_call, native
 
-__all__ = ["external_call"]
-
 Json = Mapping[str, Any]
 
 

@@ -8,8 +8,6 @@ from collections.abc import Iterator, Sequence
 from ..lexer import Token, closing
 from .class_bodies import CLASS_KINDS, MARK, ClassBody, Edit, ModelicaFile
 
-__all__ = ["CALL", "with_external_functions"]
-
 CALL = f"{MARK}call"
 """The external function that stands for one whose statements the compiler refuses."""
 

@@ -9,8 +9,6 @@ from ..lexer import closing
 from ..modifiers import arguments
 from .class_bodies import MARK, Edit, ModelicaFile
 
-__all__ = ["Objects", "external_objects", "with_objects_as_numbers"]
-
 Objects = Mapping[str, Sequence[tuple[str, str, str]]]
 """Names of classes of objects -> name, type and dimensions of what their constructors get."""
 _OBJECT = re.compile(

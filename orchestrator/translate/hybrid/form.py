@@ -20,8 +20,6 @@ from .hidden_sections import Sections
 from .model import Action, Condition, Delay, Scalar
 from .tables import Table
 
-__all__ = ["Form", "Json", "refused", "values_of"]
-
 Json = Mapping[str, Any]
 _HIDDEN_NODES = 6
 _ZERO = ex.number(0)

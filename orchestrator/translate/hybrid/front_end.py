@@ -32,17 +32,6 @@ from .hidden_sections import Section, Sections
 from .iterators import with_plain_iterators
 from .statements import FunctionSource
 
-__all__ = [
-    "FunctionTexts",
-    "adapts",
-    "dae_form",
-    "flat_form",
-    "libraries_used",
-    "library_paths",
-    "modernised",
-    "prepared",
-]
-
 
 def library_paths(given: Sequence[Path] = ()) -> tuple[Path, ...]:
     """Folders with libraries: those given, then those of MODELICAPATH.

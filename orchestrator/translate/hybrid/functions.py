@@ -19,8 +19,6 @@ from . import expression as ex
 from .expression import Expr
 from .statements import RELATIONS, FunctionSource, Node, Parser, Variable
 
-__all__ = ["CONSTANTS", "Source", "as_call", "call", "function_code", "named_constant", "native"]
-
 Source = Callable[[str], "FunctionSource | None"]
 
 CONSTANTS = {

@@ -11,8 +11,6 @@ from ..lexer import Token, closing
 from ..source_edits import words_of
 from .class_bodies import MARK, ClassBody, Edit, ModelicaFile
 
-__all__ = ["Section", "Sections", "with_whens_as_sections", "without_sections"]
-
 _BEGINS = frozenset("equation algorithm initial public protected annotation external".split())
 
 

@@ -20,8 +20,6 @@ from .expression import Expr
 from .matching import Block, blocks_of, matched
 from .model import DaeModel
 
-__all__ = ["Check", "initial_system", "parameter_values", "places_of"]
-
 # How far a redundant equation may be off: start values are written with a few digits.
 _RELATIVE, _ABSOLUTE, _ABSOLUTE_OF_SLOPES = 1e-4, 1e-9, 1e-6
 

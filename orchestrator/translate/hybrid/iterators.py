@@ -14,8 +14,6 @@ from functools import partial
 from ..lexer import CLOSING, OPENING, Token, closing, tokenise
 from ..source_edits import edited, on_one_line, outermost, path_end, statement_end, text_end
 
-__all__ = ["with_plain_iterators"]
-
 _MOST_VALUES = 1000
 _REDUCTIONS = frozenset(("sum", "product", "min", "max", "array"))
 _Edit = tuple[int, int, str]

@@ -10,8 +10,6 @@ from orchestrator.base.graph import strong_components
 from . import expression as ex
 from .expression import Expr
 
-__all__ = ["Block", "augmented", "blocks_of", "matched"]
-
 
 @dataclass(frozen=True)
 class Block:

@@ -12,8 +12,6 @@ from ..sources import Location
 from . import expression as ex
 from .expression import Expr
 
-__all__ = ["Action", "Branch", "Condition", "DaeModel", "Delay", "Discrete", "Scalar"]
-
 _ZERO = ex.number(0)
 
 

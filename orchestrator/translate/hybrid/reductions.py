@@ -9,8 +9,6 @@ from ..lexer import Token, closing
 from ..source_edits import path_end, statement_end, words_of
 from .class_bodies import ClassBody, Edit, ModelicaFile
 
-__all__ = ["with_reductions_as_equations"]
-
 # Functions that the compiler takes in what an iterator repeats.
 _TAKEN = frozenset(name for name, one in BUILT_IN.items() if one.value and name not in STEPS) | {"sum"}
 _SECTIONS = ("equation", "algorithm", "initial", "annotation")

@@ -27,8 +27,6 @@ from .functions import call
 from .hidden_sections import Section
 from .statements import FunctionSource, Node, Parser
 
-__all__ = ["Run", "hidden_section", "set_by_events"]
-
 _RELATIONS = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "<>": "ne"}
 _SIGNS = {"+": "add", "-": "subtract", "*": "multiply", "/": "divide", "^": "power", "and": "and", "or": "or"}
 _MOST_TURNS = 100_000

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from . import expression as ex
 from .structure import System
 
-__all__ = ["Factors", "colours_of", "columns_of", "factors_of"]
-
 _SMALL = 16  # states; a dense matrix of less takes no longer
 _FULL = 0.5  # share of entries from which a dense matrix takes no longer
 

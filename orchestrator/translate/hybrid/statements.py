@@ -11,8 +11,6 @@ from orchestrator.base.errors import BuildError
 from ..lexer import Token, tokenise
 from .class_bodies import function_body
 
-__all__ = ["RELATIONS", "FunctionSource", "Node", "Parser", "Variable"]
-
 Node = tuple[Any, ...]
 
 _ENDS = {"end", "else", "elseif", "elsewhen"}

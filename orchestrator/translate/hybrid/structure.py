@@ -21,8 +21,6 @@ from .matching import Block, augmented, blocks_of, matched
 from .model import DaeModel, Scalar
 from .vanished import without_vanished
 
-__all__ = ["System", "solve_order", "unbalanced"]
-
 _HIGHEST_ORDER = 12
 
 

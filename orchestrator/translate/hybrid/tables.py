@@ -19,8 +19,6 @@ from orchestrator.base.errors import BuildError
 from . import expression as ex
 from .expression import Expr
 
-__all__ = ["TABLE_C", "Table", "read_table", "table_code"]
-
 LINEAR, AKIMA, CONSTANT, FRITSCH_BUTLAND, STEFFEN, MODIFIED_AKIMA = range(1, 7)
 HOLD, LAST_TWO_POINTS, PERIODIC, NONE = range(1, 5)
 ALWAYS, AT_DISCONTINUITIES, _NO_EVENTS = range(1, 4)

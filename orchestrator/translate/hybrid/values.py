@@ -20,8 +20,6 @@ from .expression import Expr
 from .form import Json, refused, values_of
 from .model import Condition
 
-__all__ = ["Values"]
-
 _RELATIONS = {
     "less": "lt", "less_equal": "le", "greater": "gt", "greater_equal": "ge", "equal": "eq",
     "not_equal": "ne",

@@ -13,8 +13,6 @@ from .expression import Expr
 from .initial import parameter_values
 from .model import DaeModel
 
-__all__ = ["without_vanished"]
-
 
 def without_vanished(model: DaeModel) -> DaeModel:
     """The model with such parameters as numbers; their variables become algebraic (changed in place)."""
