@@ -404,7 +404,12 @@ def laws() -> str:
     return "\n\n".join(parts)
 
 
-_READS = {"own": "signal at the place", "any": "any signal of the component", "rate": "speed"}
+_READS = {
+    "own": "signal at the place",
+    "other": "another signal of the component",
+    "any": "any signal of the component",
+    "rate": "speed",
+}
 _AT = {
     "force": "forces, torques, derivatives of speeds",
     "flow": "flows, levels, temperatures, pressures",

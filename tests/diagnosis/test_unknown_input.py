@@ -487,6 +487,20 @@ def test_an_experiment_separates_laws_that_agree_on_the_logs(fmus: Path) -> None
     assert found.difference > 2.0 * found.before
 
 
+def test_a_rival_that_runs_away_needs_no_experiment(fmus: Path) -> None:
+    study = load_port_study(logged(fmus, lambda x, v: 0.0))
+    with StateModel(study) as model:
+        runs = Runs(model, study.of(Role.TRAIN))
+        place = next(one for one in model.places() if one.name == "mass.force")
+        law = next(one for one in readable(model, place) if one.law.name == "viscous")
+        starts = [each[3] for each in runs.data]
+        answer, rival = (
+            Simulable((replace(law, numbers=(factor,)),), np.r_[model.nominal, factor], starts)
+            for factor in (-1.0, 500.0)
+        )
+        assert separating(runs, answer, [rival]) == []
+
+
 def with_values(path: Path, values: Sequence[dict[str, str]]) -> Path:
     """The study whose runs set these values; the mass is calibrated no more."""
     data = yaml.safe_load(path.read_text(encoding="utf-8"))

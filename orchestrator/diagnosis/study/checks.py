@@ -28,6 +28,9 @@ _WRONG, _FITS, _ENOUGH = 0.25, 0.25, 0.1
 _REST = 3.0
 # A model runs away whose signal is so many times as large as anything in the log.
 _AWAY = 1e6
+# A model loses a log that it misses by more than so many variances. It is unstable where a change of the fed
+# logs by this share of their spread moves a signal by its own spread.
+_LOST, _SLIGHT = 25.0, 1e-3
 # Noise that is fed is worth a word where it makes so much of a compared signal's own.
 _DRIVEN = 0.3
 
@@ -36,21 +39,25 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
     """Check the logs of a study, and the tolerances that they are held against.
 
     Returns: a column with a wrong sign or unit, two that were exchanged, or some whose clock is off, if that
-        explains nearly all that the model misses, and runs in which the model runs away, fails or ends: they
-        forbid a diagnosis; and what a reader should be warned of.
+        explains nearly all that the model misses, logs that open a loop which the model needs, and runs in
+        which the model runs away, fails or ends: they forbid a diagnosis; and what a reader should be warned
+        of.
     """
     stops: dict[str, list[StepError]] = {run.name: [] for run in study.runs}
     replay = Replay(study)
     given = {run.name: replay.signals(run, stops=stops[run.name]) for run in study.runs}
     found = [_mistake(replay, run, given[run.name]) for run in study.runs]
     mistakes = [one for one in found if one is not None]
-    refused = merged_problems(mistakes, "the same in {} more run{s}") + _diverging(study, given, stops)
+    refused = merged_problems(mistakes, "the same in {} more run{s}")
+    unstable, drifting = _opened(replay, given)
+    refused += unstable or _diverging(study, given, stops)
     # Beside a mistake of another kind nothing says about clocks.
     late, doubtful = wrong_clocks(replay, given) if not refused else ([], [])
     return [*refused, *late], [
         *_stuck(study, given),
         *wide(study),
         *doubtful,
+        *drifting,
         *_unasked(study),
         *_unlike(study),
         *_driven_by_noise(replay, given),
@@ -61,6 +68,47 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
 
 def _compared(study: PortStudy, run: PortRun) -> list[Port]:
     return [port for port in study.compared if port in run.logs]
+
+
+def _opened(replay: Replay, signals: Mapping[str, Signals]) -> tuple[list[Problem], list[Warned]]:
+    """Fed logs without which the model follows the machine, by the loop that they open, and with which it
+    does not.
+
+    Returns: a problem where the model is unstable then, which no simulation follows; otherwise a warning. A
+        system that only drifts away, as an integrator does, hardly answers to a slight change of the logs.
+    """
+    study = replay.study
+    run = study.of(Role.TRAIN)[0]
+    loop = [port for port in study.computed if port in run.logs]
+    before = _misfits(study, run, signals[run.name])
+    lost = [port for port, misfit in before.items() if misfit > _LOST]
+    if not loop or not lost:
+        return [], []
+    closed = replace(study, fed=tuple(port for port in study.fed if port not in loop))
+    after = _misfits(study, run, Replay(closed).signals(run))
+    if not max(after.values()) < _LOST:
+        return [], []
+    draw = np.random.default_rng(0)
+    slight = {
+        port: run.logs[port] + _SLIGHT * np.std(run.logs[port]) * draw.standard_normal(len(run))
+        for port in loop
+    }
+    other = replay.signals(_with(run, slight))
+    with np.errstate(invalid="ignore", over="ignore"):
+        moved = [np.std((other[port] - signals[run.name][port])[study.settled :]) for port in lost]
+        spread = [np.std(run.logs[port][study.settled :]) for port in lost]
+    drifts = all(by < own for by, own in zip(moved, spread, strict=True))
+    worst = max(lost, key=lambda one: before[one])
+    fed = "their logs are fed, which opens" if len(loop) > 1 else "its log is fed, which opens"
+    what = (
+        f"{fed} a loop that keeps the model near the logs: it misses {worst} by {before[worst] ** 0.5:.3g} "
+    )
+    what += f"times the spread of its log, and with the loop closed by {after[worst] ** 0.5:.2g} times"
+    remedy = "Leave inputs out of `columns`, and give outputs `feed: false`."
+    place = f"{run.name}: {_named(loop)}"
+    if drifts:
+        return [], [Warned(place=place, what=what, remedy=f"If the answer is implausible: {remedy}")]
+    return [Problem(place, what, "logs that the model can follow", remedy)], []
 
 
 def _diverging(

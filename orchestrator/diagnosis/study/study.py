@@ -105,19 +105,27 @@ class PortStudy:
         return frozenset(port for port, one in self.columns.items() if one.hold)
 
     @property
+    def computed(self) -> tuple[Port, ...]:
+        """Fed ports whose signal the model computes: connected inputs, and outputs of driven components."""
+        targets = {one.target for one in self.prepared.system.connections}
+        driven = {one.instance for one in (*targets, *filter(self._is_input, self.fed))}
+        return tuple(
+            port
+            for port in self.fed
+            if (port in targets if self._is_input(port) else port.instance in driven)
+        )
+
+    @property
     def unasked(self) -> tuple[Port, ...]:
         """Outputs that are fed for want of a noise, though their components are driven: of a source, such as
         a path, nothing could be compared.
         """
-        driven = {one.target.instance for one in self.prepared.system.connections}
-        driven |= {port.instance for port in self.fed if self._is_input(port)}
         return tuple(
             port
-            for port in self.fed
+            for port in self.computed
             if not self._is_input(port)
             and self.columns[port].feed is None
             and self.columns[port].noise is None
-            and port.instance in driven
         )
 
     def _is_input(self, port: Port) -> bool:

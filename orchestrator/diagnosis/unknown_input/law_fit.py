@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.units import parse_unit
 from .evaluation import Inserted, Kinds, Place
 from .laws import Law, dimension, library
 from .model import StateModel
@@ -29,6 +30,7 @@ _BLIND = 12
 _WEAKER = (1.0, 1e-2, 1e-4)
 # What joins parts of a machine rather than flows between them, by `_dimension`; see `Law.unlogged`.
 _JOINS = ("speed", "travel", "angle", "potential", "pressure")
+_SPEED = parse_unit("m/s")
 
 
 @dataclass(frozen=True)
@@ -90,24 +92,29 @@ def _unit(model: StateModel, index: int) -> str:
 def _dimension(model: StateModel, place: Place) -> str:
     """What a quantity at a place measures, as laws ask for it; see `Law.at`.
 
-    The derivative of a speed counts as a force, unless the component is a filter of speeds. A speed counts as
-    a flow only in a component with a level and no forces.
+    The derivative of a speed counts as a force, unless the component is given speeds of this kind and no
+    forces: then it may be a filter of them. A speed counts as a flow only in a component with a level, and
+    without forces and speeds of its own.
     """
     nx, nu = len(model.states), len(model.inputs)
     row = model.rows[place.component]
-    states = {dimension(_unit(model, k)) for k in model.states_of(row)}
+    units = [_unit(model, k) for k in model.states_of(row)]
+    states = set(map(dimension, units))
     inputs = {dimension(_unit(model, nx + k)) for k in model.inputs_of(row)}
     if place.kind is Kinds.RATE:
         found = dimension(_unit(model, place.index))
         found = {"rate": "force", "travel": "rate"}.get(found, found)
-        if found == "force" and "rate" in inputs and "force" not in inputs:
+        given = (parse_unit(_unit(model, nx + k)) for k in model.inputs_of(row))
+        own = parse_unit(_unit(model, place.index))
+        if found == "force" and "force" not in inputs and any(map(own.same_dimension, given)):
             return "filtered"
     else:
         at = (nx if place.kind is Kinds.INPUT else nx + nu) + place.index
         found = dimension(_unit(model, at))
         if found == "temperature":
             return "potential"  # heat flows into its derivative, not into a temperature that is given
-    if found == "rate" and ("travel" not in states or "force" in inputs):
+    moves = "force" in inputs or any(map(_SPEED.same_dimension, map(parse_unit, units)))
+    if found == "rate" and ("travel" not in states or moves):
         return "speed"
     return found
 

@@ -120,7 +120,8 @@ def _sensors(runs: Runs, ours: Array, theirs: Array, rival: Simulable) -> Iterat
         differ = np.sqrt(np.mean((ours - theirs) ** 2, axis=0))
     before = max(differ[model.outputs.index(port)] / noise[port] for port in model.compared)
     for port, size, spread in zip(model.outputs, differ, ours.std(axis=0), strict=True):
-        if port not in noise and port not in model.fed and spread > 0.0 and size > _SHARE * spread:
+        told = 0.0 < _SHARE * spread < size < np.inf and np.isfinite(before)
+        if port not in noise and port not in model.fed and told:
             what = f"log {port}, where the two differ by {100 * size / spread:.2g} % of the signal's spread"
             yield Experiment(what, rival.name, 1e2 * float(size / spread), float(before))
 

@@ -19,6 +19,8 @@ __all__ = ["thinned", "without_outliers"]
 Array = NDArray[np.float64]
 # Samples that are enough for a search, and noises by which simulations with fewer may differ.
 _ENOUGH, _SAME_SIMULATION = 3000, 0.1
+# Rows on each side where a jump of the simulation explains what it misses.
+_NEAR = 4
 
 
 def without_outliers(model: StateModel) -> tuple[PortStudy, list[str]]:
@@ -34,7 +36,8 @@ def without_outliers(model: StateModel) -> tuple[PortStudy, list[str]]:
             if port not in logs or port in model.fed:
                 continue
             noise = float(model.noise[k])
-            away = outliers(logs[port] - found[:, k], noise)
+            missed = logs[port] - found[:, k]
+            away = outliers(missed, noise) & ~_jumps(found[:, k], missed)
             if rows := np.flatnonzero(away).tolist():
                 remarks.append(
                     f"{run.name}: {port}: {len(rows)} of {len(away)} rows are outliers, first row {rows[0]} "
@@ -44,6 +47,17 @@ def without_outliers(model: StateModel) -> tuple[PortStudy, list[str]]:
                 logs[port] = np.where(away, np.nan, logs[port])
         runs.append(replace(run, logs=logs))
     return replace(study, runs=tuple(runs)) if remarks else study, remarks
+
+
+def _jumps(simulated: Array, missed: Array) -> NDArray[np.bool_]:
+    """Rows near which the simulation itself jumps by half of what it misses there.
+
+    A switch that is a few rows early or late in the model is no drop-out of the log.
+    """
+    jumps = np.abs(np.diff(simulated))
+    sides = np.lib.stride_tricks.sliding_window_view(np.pad(jumps, _NEAR, constant_values=0.0), 2 * _NEAR)
+    near: NDArray[np.bool_] = sides.max(axis=1) > 0.5 * np.abs(missed)
+    return near
 
 
 def thinned(model: StateModel) -> PortStudy:

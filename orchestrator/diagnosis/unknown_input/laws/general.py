@@ -49,7 +49,8 @@ LAWS = [
     Law(
         "gain",
         "gain",
-        (Number("change", "1"),),
+        # To take a signal away is no error of a gain: it brings simulations that lose the logs near them.
+        (Number("change", "1", limits=(-0.9, 10.0)),),
         _gain,
         "own",
         kinds=(1, 3),

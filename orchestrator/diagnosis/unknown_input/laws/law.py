@@ -93,8 +93,9 @@ class Law:
         numbers: the amplitude first. sentence: where it occurs.
         code: writes out[0] = w and out[1:] = derivatives of its states; arguments (t, s, n, z, out).
             s[0] is the signal, s[1] the second one, s[2] the interval of the logs [s].
-        reads: "rate", "travel", "angle", "temperature", "current", "own" (the signal at the place), or "any"
-            of the component. second: what a second signal of the component measures; "": it reads one.
+        reads: "rate", "travel", "angle", "temperature", "current", "own" (the signal at the place), "other"
+            (any but that), or "any" of the component. second: what a second signal of the component measures;
+            "": it reads one.
         states: of its own, which start at 0. settled: those, from 0, which start at the signal.
         kinds: places where it acts, as in `Kinds`; empty: all.
         linear: whether w is proportional to the amplitude.
@@ -191,8 +192,8 @@ class Law:
         """Whether it reads a signal of such a unit, and acts at a place of such a dimension."""
         if self.at and place not in _PLACES[self.at]:
             return False
-        if self.reads == "own":
-            return own
+        if self.reads in ("own", "other"):
+            return own is (self.reads == "own")
         return self.reads == "any" or self.reads in _measured(unit) or dimension(unit) == "number"
 
     def fits_second(self, unit: str) -> bool:

@@ -29,7 +29,7 @@ LAWS = [
         "cross-talk",
         (Number("share", "w/u"),),
         _cross_talk,
-        "any",
+        "other",
         kinds=_SENSOR,
         modelica="y = share*u;",
         sentence="A sensor that shows a share of another signal, as if misaligned.",

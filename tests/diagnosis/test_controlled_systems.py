@@ -1,0 +1,161 @@
+"""Systems whose components are driven by speeds, or kept stable by a controller whose inputs are logged."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.integrate import solve_ivp
+
+from orchestrator.diagnosis.study.checks import check_logs
+from orchestrator.diagnosis.study.reader import load_port_study
+from orchestrator.diagnosis.unknown_input.law_fit import readable
+from orchestrator.diagnosis.unknown_input.model import StateModel
+from orchestrator.diagnosis.unknown_input.thinning import without_outliers
+
+pytest.importorskip("rumoca")
+
+MODELS = {
+    "Craft": """model Craft "A rotor lifts a mass"
+  input Real command(unit="rad/s", start=500);
+  output Real altitude(unit="m", start=1, fixed=true);
+  output Real climb(unit="m/s", start=0, fixed=true);
+  output Real rotor(unit="rad/s", start=500, fixed=true);
+equation
+  der(altitude) = climb;
+  0.05*der(rotor) = command - rotor;
+  der(climb) = 4e-5*rotor^2 - 9.81;
+end Craft;
+""",
+    "Rod": """model Rod "A mass on an unstable spring"
+  parameter Real stiffness(unit="N/m") = -30;
+  input Real force(unit="N");
+  output Real position(unit="m", start=0.01, fixed=true);
+  output Real velocity(unit="m/s", start=0, fixed=true);
+equation
+  der(position) = velocity;
+  der(velocity) = force - stiffness*position;
+end Rod;
+""",
+    "Hold": """model Hold
+  parameter Real stiffness(unit="N/m") = 80;
+  parameter Real damping(unit="N.s/m") = 12;
+  input Real position(unit="m");
+  input Real velocity(unit="m/s");
+  output Real force(unit="N");
+equation
+  force = -stiffness*position - damping*velocity;
+end Hold;
+""",
+    "Switch": """model Switch
+  input Real signal(unit="1");
+  output Real output_(unit="1");
+equation
+  output_ = if signal > 0 then 1.0 else 0.0;
+end Switch;
+""",
+}
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fmus")
+    for name, text in MODELS.items():
+        (folder / f"{name}.mo").write_text(text, encoding="utf-8")
+        subprocess.run(
+            [sys.executable, "-m", "orchestrator", "build", f"{name}.mo"],
+            cwd=folder, check=True, capture_output=True,
+        )  # fmt: skip
+    return folder
+
+
+def written(folder: Path, system: dict, logs: dict[str, np.ndarray], columns: dict) -> Path:
+    """A study with one run of logs, whose columns bear their units."""
+    rows = np.column_stack(list(logs.values()))
+    np.savetxt(folder / "a.csv", rows, delimiter=",", header=",".join(logs), comments="", fmt="%.9g")
+    (folder / "system.yaml").write_text(yaml.safe_dump(system), encoding="utf-8")
+    path = folder / "study.yaml"
+    data = {
+        "format": "port-study/1", "system": "system.yaml", "columns": {"time": "time", **columns},
+        "runs": [{"file": "a.csv", "role": "train"}],
+    }  # fmt: skip
+    path.write_text(yaml.safe_dump(data), encoding="utf-8")
+    return path
+
+
+def test_drag_acts_on_a_mass_that_a_rotor_lifts(fmus: Path) -> None:
+    """The speed of the rotor is no speed of the mass, which is no filter of it and no tank."""
+    time = np.arange(0.0, 1.0, 0.01)
+    logs = {
+        "time [s]": time, "command [rad/s]": 500.0 + 5.0 * np.sin(time), "altitude [m]": 1.0 + 0.1 * time
+    }  # fmt: skip
+    system = {
+        "run": {"master": "gauss-seidel", "step_size": "10 ms", "stop_time": "1 s"},
+        "instances": {"craft": {"fmu": "Craft.fmu"}}, "connections": [],
+    }  # fmt: skip
+    columns = {"craft.command": "command", "craft.altitude": {"column": "altitude", "noise": "1 mm"}}
+    path = written(fmus, system, logs, columns)
+    with StateModel(load_port_study(path)) as model:
+        laws = {one.name: {each.law.name for each in readable(model, one)} for one in model.places()}
+        sensors = [one for one in model.places() if one.name == "craft.altitude"]
+        late = [each for one in sensors for each in readable(model, one, late=True)]
+    assert {"quadratic drag", "coulomb"} <= laws["der(craft.climb)"]
+    talk = {one.signal for one in late if one.law.name == "cross-talk"}
+    assert talk and "craft.altitude" not in talk
+    assert not laws["der(craft.rotor)"] and "overflow" not in laws["der(craft.altitude)"]
+
+
+@pytest.mark.parametrize("stiffness", [-30.0, 0.0])
+def test_logs_that_open_the_loop_of_an_unstable_system_are_refused(fmus: Path, stiffness: float) -> None:
+    """A mass without a spring only drifts away."""
+    time, draw = np.arange(0.0, 8.0, 0.01), np.random.default_rng(1)
+
+    def rate(t: float, x: np.ndarray) -> list[float]:
+        return [x[1], -80.0 * x[0] - 12.0 * x[1] - stiffness * x[0] + 0.5 + np.sin(t)]
+
+    x = solve_ivp(rate, (0.0, 8.0), [0.01, 0.0], t_eval=time, rtol=1e-8, atol=1e-10).y
+    position, velocity = x + 1e-5 * draw.standard_normal(x.shape)
+    logs = {"time [s]": time, "position [m]": position, "velocity [m/s]": velocity}
+    system = {
+        "run": {"master": "gauss-seidel", "step_size": "10 ms", "stop_time": "1 s"},
+        "instances": {
+            "rod": {"fmu": "Rod.fmu", "start": {"stiffness": f"{stiffness} N/m"}},
+            "hold": {"fmu": "Hold.fmu"},
+        },
+        "connections": [
+            "rod.position -> hold.position", "rod.velocity -> hold.velocity", "hold.force -> rod.force",
+        ],
+    }  # fmt: skip
+    columns = {"rod.position": {"column": "position", "noise": "10 um", "feed": False}}
+    fed = {"hold.position": "position", "hold.velocity": "velocity"}
+    refused, warned = check_logs(load_port_study(written(fmus, system, logs, columns | fed)))
+    found = refused if stiffness < 0.0 else warned
+    (opened,) = (one for one in found if "opens a loop that keeps the model near the logs" in one.what)
+    assert opened.place == "a: hold.position and hold.velocity"
+    assert (stiffness < 0.0) is bool(refused)
+    assert check_logs(load_port_study(written(fmus, system, logs, columns)))[0] == []
+
+
+def test_a_switch_that_is_late_is_no_outlier(fmus: Path) -> None:
+    time = np.arange(0.0, 10.0, 0.01)
+    signal, late = np.sin(3.0 * time), np.sin(3.0 * (time - 0.02))
+    measured = np.where(late > 0.0, 1.0, 0.0)
+    measured[500] += 5.0
+    logs = {"time [s]": time, "signal [1]": signal, "output [1]": measured}
+    system = {
+        "run": {"master": "gauss-seidel", "step_size": "10 ms", "stop_time": "1 s"},
+        "instances": {"switch": {"fmu": "Switch.fmu"}}, "connections": [],
+    }  # fmt: skip
+    columns = {
+        "switch.signal": {"column": "signal", "hold": True},
+        "switch.output_": {"column": "output", "noise": 0.01},
+    }
+    study = load_port_study(written(fmus, system, logs, columns))
+    with StateModel(study) as model:
+        cleaned, remarks = without_outliers(model)
+    (log,) = [values for port, values in cleaned.runs[0].logs.items() if port.variable == "output_"]
+    assert np.flatnonzero(np.isnan(log)).tolist() == [500] and len(remarks) == 1
