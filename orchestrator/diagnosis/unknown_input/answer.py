@@ -34,8 +34,9 @@ _NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR, _NOT_NONE = 1.2, 0.02, 0.4, 0.53
 # Probability that the library lacks what is missing. On random systems more of these verdicts are right, but
 # machines that lack several laws at once get them too, as the cascaded tanks.
 _OUTSIDE = 0.6
-# Most that a law is stated with whose component the logs do not determine.
-_SOMEWHERE = 0.6
+# Most that a law is stated with whose component the logs do not determine: 16 of 20 such were right
+# (`orchestrator challenge --random 12000 --count 350`, 240 cases of it).
+_SOMEWHERE = 0.8
 # Least share of the gap that the nearest laws close on held-out runs to be stated.
 _HINT = 0.1
 # Probability from which on a rival is worth an experiment, and rivals that experiments separate.
