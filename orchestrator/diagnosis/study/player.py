@@ -129,8 +129,7 @@ class Player:
                 stops.append(stop)
 
         try:
-            # The native loop looks for Python code at connections alone.
-            simulated("native" if all(map(_compiles, inserted)) else "python")
+            simulated("native")
         except ConfigError:
             taken[:] = np.nan
             simulated("python")
@@ -324,10 +323,6 @@ def between(samples: Array, parts: int, held: bool = False) -> Array:
     found: Array = curve(np.arange((len(samples) - 1) * parts + 1) / parts)
     found[::parts] = samples
     return found
-
-
-def _compiles(one: Inserted) -> bool:
-    return one.effect.jittable or type(one.effect).__module__.startswith("orchestrator.effects.")
 
 
 _NONE = np.zeros(0, np.intp)

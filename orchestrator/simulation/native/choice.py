@@ -70,14 +70,16 @@ def obstacle(instances: Instances, master: MasterAlgorithm, ledger: bool = False
         return "addresses of this platform have not 64 bits"
     if not find_spec("numba"):
         return "the package numba is not installed"
-    for connection in instances.system.connections:
-        for link in connection.wire.every_link if connection.wire else ():
-            if not type(link.effect).__module__.startswith("orchestrator.effects."):
+    for wired in instances.layout.wired:
+        for effect, _ in wired.links:
+            if not type(effect).__module__.startswith("orchestrator.effects."):
                 # Compiles what can be: numba is imported only where all else allows the native loop.
                 from .effects import unfit
 
-                if reason := unfit(link.effect):
-                    return f"effect {link.name} on {connection} {reason}"
+                if reason := unfit(effect):
+                    links = wired.connection.wire.every_link if wired.connection.wire else ()
+                    name = next((one.name for one in links if one.effect is effect), "")
+                    return f"effect {name or type(effect).__name__} on {wired.connection} {reason}"
     return ""
 
 
