@@ -31,6 +31,7 @@ from orchestrator.diagnosis.unknown_input.choice import rivals_of
 from orchestrator.diagnosis.unknown_input.corrected import write_corrected
 from orchestrator.diagnosis.unknown_input.diagnose import DiagnosedSystem
 from orchestrator.diagnosis.unknown_input.evaluation import Inserted
+from orchestrator.diagnosis.unknown_input.fits import Weighed
 from orchestrator.diagnosis.unknown_input.law_fit import Candidate, Fitted, readable, spread_out, starts_of
 from orchestrator.diagnosis.unknown_input.laws import library
 from orchestrator.diagnosis.unknown_input.model import StateModel
@@ -426,7 +427,7 @@ def test_the_same_law_elsewhere_that_explains_the_logs_as_well_is_no_rival(fmus:
     matrix = np.zeros(0), np.eye(0)
     fits = [Fitted((one,), np.ones(1), np.ones(1), 0.0, matrix) for one in (first, second, other)]
     polished = Polished(*matrix, [], 1.0, 100, 1.0)
-    weighed = [(one, polished, nats) for one, nats in zip(fits, (0.0, -0.5, -0.5), strict=True)]
+    weighed = [Weighed(one, polished, nats) for one, nats in zip(fits, (0.0, -0.5, -0.5), strict=True)]
     search: Any = SimpleNamespace(far=lambda constants: [])
 
     probability, rivals, elsewhere = rivals_of(search, weighed, 0, 0.98, leaves=False)
