@@ -89,7 +89,7 @@ def run(
         out: folder to write results, summary and figures to; nothing is written without it.
         halving: whether to make the second run, the source of `summary.numerics`.
         progress: whether to show a bar on a terminal.
-    Returns: the signals by name, the summary, and where files are.
+    Returns: a `RunResult`: the signals by name, the summary, and where files are.
     Raises: ConfigError before anything runs; StepError or FmuError if the run fails: their attribute `result`
         holds what was recorded until then.
     """
@@ -196,7 +196,7 @@ def linearise(
     at: str = "start",
     fix: Sequence[str] = (),
 ) -> LinearConfig:
-    """The linear system with delays that a system is, without communication steps.
+    """Linearise a system around a point: a linear system with exact delays, without communication steps.
 
     Args:
         system, set: see `run`.

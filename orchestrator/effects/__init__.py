@@ -20,7 +20,7 @@ that comes out of a connection's effects stands beside the FMUs' outputs, and ma
 At zero size an effect gives its input, to the bit. Every effect is one file: a pydantic model of its options
 and a kernel, a plain function that the native loop compiles (see `Effect`).
 
-Imports `base` and `fmi`.
+Imports `base` only.
 """
 
 from .base import Effect, Kernel, OfSignal, Pure

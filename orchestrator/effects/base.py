@@ -1,4 +1,4 @@
-"""What an effect is."""
+"""The base class of effects: a subclass writes `kernel`, and `room` if it has memory."""
 
 from __future__ import annotations
 

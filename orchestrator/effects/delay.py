@@ -16,18 +16,18 @@ FEWEST = 16
 def earlier(
     time: float,
     value: float,
-    back: float,
-    longest: float,
-    stated: bool,
+    delay: float,
+    largest_delay: float,
+    has_before: bool,
     before: float,
     memory: Array,
     commit: bool,
 ) -> float:
-    """A signal as it was `back` earlier, on the line between two instants.
+    """The value of a signal `delay` seconds ago, interpolated linearly between two instants.
 
     Args:
-        value: of the signal now; back, longest: the delay now, and the longest of any instant [s].
-        stated, before: whether the signal before the start is reported, and what it was.
+        value: of the signal now. delay, largest_delay: the delay now, and the longest of any instant [s].
+        has_before, before: whether the signal before the start is reported, and what it was.
         memory: a ring of instants. How many there are, place of the oldest, whether it is the start, then
             times [s], then values; an odd entry at the end is not of it.
         commit: see Effect.kernel.
@@ -35,7 +35,7 @@ def earlier(
     """
     size = (len(memory) - 3) // 2
     count, oldest = int(memory[0]), int(memory[1])
-    wanted = time - back
+    wanted = time - delay
     # The two instants around the wanted one; the newest is (time, x), which is not in the ring yet.
     right_time, right = time, value
     left_time, left = time, value
@@ -54,14 +54,14 @@ def earlier(
                 y = right
             elif share > 1e-9:
                 y = left + share * (right - left)
-    elif stated and (count == 0 or memory[2] != 0.0):
+    elif has_before and (count == 0 or memory[2] != 0.0):
         y = before
         if count > 0 and left_time - wanted <= 1e-9 * (right_time - left_time):
             y = left
     if commit:
         if count == 0:
             memory[2] = 1.0
-        while count > 1 and memory[3 + (oldest + 1) % size] <= time - longest:
+        while count > 1 and memory[3 + (oldest + 1) % size] <= time - largest_delay:
             oldest = (oldest + 1) % size
             count -= 1
             memory[2] = 0.0

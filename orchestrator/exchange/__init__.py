@@ -1,4 +1,4 @@
 """Systems in and out of other tools.
 
-Imports `translate` and the packages below it.
+Imports `translate` and the packages listed before it in CONTRIBUTING.md.
 """

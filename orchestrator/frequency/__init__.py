@@ -1,6 +1,6 @@
 """Stability of configured systems with delays, from the config that the co-simulation runs.
 
-Imports `exchange` and the packages below it.
+Imports `exchange` and the packages listed before it in CONTRIBUTING.md.
 """
 
 from .chart import chart_of, config_chart

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class OpenLoop:
-    """L(s) of a connection, of negative feedback: the closed loop is 1 + L.
+    """L(s) of a connection, of negative feedback: the closed loop has its poles where 1 + L(s) = 0.
 
     Attributes:
         system: the closed system.

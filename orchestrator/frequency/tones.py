@@ -1,4 +1,4 @@
-"""A multisine and what is read from the answer to it.
+"""Design a multisine input, and compute frequency response and coherence from the output.
 
 All frequencies are in the record at once, each a whole number of times, with Schroeder's phases (IEEE Trans.
 Inf. Theory 16, 1970) that keep the peak low; the first period lets transients die away and is dropped. What
@@ -69,7 +69,7 @@ class Tones:
         periods: int,
         problems: Sequence[Problem] = (),
     ) -> Tones:
-        """Settle a record.
+        """Choose frequencies and phases of a record.
 
         Args:
             place: stands in messages.

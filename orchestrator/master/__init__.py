@@ -1,6 +1,6 @@
 """Master algorithms: how instances take turns within a communication step.
 
-Imports `system` and the packages below it.
+Imports `system` and the packages listed before it in CONTRIBUTING.md.
 """
 
 from .base import DONE, MasterAlgorithm, StepInfo, create_master, master_names

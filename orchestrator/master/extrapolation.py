@@ -109,7 +109,7 @@ class Extrapolation:
         self._settle(span, self._instances.values[span])
         if self._instances.connections is not None:
             for one in layout.wired_after[index]:
-                self._instances.connections.try_out([one], self._end, self.curve.end)
+                self._instances.connections.evaluate_on_trial([one], self._end, self.curve.end)
                 place = slice(one.place, one.place + 1)
                 self._settle(place, self.curve.end[place].copy())
 

@@ -119,7 +119,7 @@ class Instances:
         """
         self._values[places] = values
         if wired and self.connections is not None:
-            self.connections.try_out(wired, time, self._values)
+            self.connections.evaluate_on_trial(wired, time, self._values)
 
     @property
     def values(self) -> Array:
@@ -214,7 +214,7 @@ class Instances:
     def hold(self, index: int, point: Point) -> None:
         """An instance's step does not end where that from the point does: its outputs stay until there."""
         if self.connections is not None:
-            self.connections.follow(index, point.time + point.step_size, self._values)
+            self.connections.update_after(index, point.time + point.step_size, self._values)
 
     def advance(self, index: int, point: Point) -> StepStatus:
         """Set an instance's inputs, step it and read its outputs into the vector.
@@ -238,7 +238,7 @@ class Instances:
                 if self.layout.text_outputs[index]:
                     self._read_texts(index)
                 if self.connections is not None:
-                    self.connections.follow(index, point.time + point.step_size, self._values)
+                    self.connections.update_after(index, point.time + point.step_size, self._values)
         except StepError as error:
             self.nonfinite_sources.blame_inputs(index, point, error)
             raise
@@ -293,7 +293,7 @@ class Instances:
 
         With them goes what all effects remember.
         """
-        remembered = self.connections.saved() if self.connections is not None else None
+        remembered = self.connections.snapshot() if self.connections is not None else None
         saved = [(self.running[index], self.running[index].save_state()) for index in indices]
 
         def back() -> None:
@@ -387,7 +387,7 @@ class Instances:
         for port in connection.sources:
             self._values[self.layout.index[port]] = values[port]
         chain = self.layout.chain(connection)
-        self.connections.try_out(chain, time, self._values)
+        self.connections.evaluate_on_trial(chain, time, self._values)
         for one in chain:
             if not np.isfinite(self._values[one.place]):
                 self.nonfinite_sources.raise_made(one, None)

@@ -1,4 +1,4 @@
 """The loop over time: preparation, Python and native loop, pacing, runs and their folders, comparison.
 
-Imports `plotting` and the packages below it.
+Imports `plotting` and the packages listed before it in CONTRIBUTING.md.
 """

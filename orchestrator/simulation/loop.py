@@ -1,4 +1,4 @@
-"""The communication grid and the one loop, which has a native twin."""
+"""The loop over communication points: in Python here, or handed to the native loop (`native/loop.py`)."""
 
 from __future__ import annotations
 

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from ..effects import Effect
-
-if TYPE_CHECKING:
-    pass
 
 
 class Port(NamedTuple):
@@ -96,7 +93,7 @@ class Connection:
 
     @cached_property
     def passed_at_once(self) -> tuple[Port, ...]:
-        """Those on which the signal at a communication point depends with their value at the same point."""
+        """Sources with direct feedthrough: the signal at a point depends on their value at the same point."""
         if self.wire is None:
             return (self.source,)
         ports, whole = _read_at_once(self.wire.links)

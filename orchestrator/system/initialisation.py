@@ -1,4 +1,4 @@
-"""Initial values are passed on, and algebraic loops among them solved, while all instances initialise.
+"""Solve the initial values of all connections, algebraic loops included.
 
 FMI lets inputs be set and outputs be read as often as it takes in initialisation mode, and only there.
 """
@@ -23,7 +23,7 @@ _PASSES = 10
 _UNSOLVED = "not converged"
 
 
-Made = Callable[[Connection, Mapping[Port, Value], float], float]
+EffectEvaluator = Callable[[Connection, Mapping[Port, Value], float], float]
 
 
 def settle(
@@ -31,7 +31,7 @@ def settle(
     running: Sequence[FmuInstance],
     time: float,
     check: Callable[[Port, float], None],
-    made: Made,
+    made: EffectEvaluator,
 ) -> list[StepError]:
     """Set every connected input to what its source gives.
 
@@ -52,7 +52,7 @@ def settle(
                 continue
             begun = exchange.fetch(loop)
             try:
-                _agree(exchange, loop, begun, time)
+                _settle_assumed_loop(exchange, loop, begun, time)
             except StepError as error:
                 if error.status != _UNSOLVED:
                     raise
@@ -70,7 +70,7 @@ class _Exchange:
         system: System,
         running: Sequence[FmuInstance],
         check: Callable[[Port, float], None],
-        made: Made,
+        made: EffectEvaluator,
         time: float,
     ) -> None:
         self.system, self._running, self._check, self._made = system, running, check, made
@@ -106,10 +106,10 @@ class _Exchange:
             self._running[position].set_values(inputs)
 
 
-def _agree(
+def _settle_assumed_loop(
     exchange: _Exchange, loop: tuple[Connection, ...], begun: Mapping[Port, Value], time: float
 ) -> None:
-    """Set the inputs of a loop that may be none: without feedthrough the second pass changes nothing."""
+    """Set the inputs of an assumed loop: if it has no feedthrough, the second pass changes nothing."""
     values = begun
     for _ in range(_PASSES):
         exchange.pass_on(loop, values)

@@ -33,23 +33,23 @@ class RunningConnections:
         self._links: list[list[_Running]] = [[_Running(*link) for link in one.links] for one in layout.wired]
         self._after = [tuple(self._number[one.place] for one in after) for after in layout.wired_after]
 
-    def follow(self, index: int, time: float, values: Array) -> None:
-        """An instance has given values for `time`: evaluate what depends on it, on trial, into `values`."""
+    def update_after(self, index: int, time: float, values: Array) -> None:
+        """Evaluate, on trial, what depends on an instance that has stepped to `time`, into `values`."""
         self._latest = time
         for number in self._after[index]:
             values[self._layout.wired[number].place] = self._evaluate(number, time, values, False)
 
-    def try_out(self, wired: Iterable[Wired], time: float, values: Array) -> None:
+    def evaluate_on_trial(self, wired: Iterable[Wired], time: float, values: Array) -> None:
         """Evaluate some connections on trial, into `values`."""
         self._latest = time
-        self._try(wired, time, values)
+        self._evaluate_all(wired, time, values)
 
-    def _try(self, wired: Iterable[Wired], time: float, values: Array) -> None:
+    def _evaluate_all(self, wired: Iterable[Wired], time: float, values: Array) -> None:
         for one in wired:
             values[one.place] = self._evaluate(self._number[one.place], time, values, False)
 
     def commit(self, time: float, values: Array) -> None:
-        """All signals belong to an instant that is accepted: evaluate, and remember it."""
+        """Evaluate all connections at an accepted instant, and write their memories."""
         for number, one in enumerate(self._layout.wired):
             values[one.place] = self._evaluate(number, time, values, True)
 
@@ -63,10 +63,10 @@ class RunningConnections:
             begin = float(np.float32(varied[place]))
             step = 2.0 ** math.floor(math.log2(max(abs(begin), self._layout.nominal[place])) - 20)
             varied[place] = begin + step
-            self._try(chain, self._latest, varied)
+            self._evaluate_all(chain, self._latest, varied)
             above = float(varied[chain[-1].place])
             varied[place] = begin
-            self._try(chain, self._latest, varied)
+            self._evaluate_all(chain, self._latest, varied)
             found[port] = (above - float(varied[chain[-1].place])) / step
         return found
 
@@ -106,8 +106,8 @@ class RunningConnections:
             status="error",
         )
 
-    def saved(self) -> Callable[[], None]:
-        """Keep what is remembered; the function that is given brings it back, as often as called."""
+    def snapshot(self) -> Callable[[], None]:
+        """Copy the memories. Returns: a function that restores them, as often as it is called."""
         kept = [[memory.copy() for memory in memories] for memories in self.memories]
 
         def back() -> None:

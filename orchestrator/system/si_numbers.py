@@ -51,7 +51,7 @@ def _has_numbers(part: Any) -> bool:
 
 
 class SiNumbers:
-    """Numbers in SI units -> what a config has for them. Texts stay as they are."""
+    """Convert SI numbers to the texts with units that a config has. Texts stay as they are."""
 
     def __init__(self, config: Config) -> None:
         """

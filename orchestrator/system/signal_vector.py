@@ -51,7 +51,7 @@ class Inputs:
 class Wired:
     """A connection with effects, or several sources, whose signal has a place of its own.
 
-    So has a leg with effects before its gain, or among others: it stands before the sum, as a connection.
+    A leg with effects of its own has an entry, too, which is computed before the sum.
 
     Attributes:
         connection: which one.

@@ -15,5 +15,5 @@ Everything else takes the route of `hybrid`, or is refused with a message that n
 `build.build` makes an FMU, `check.check_model` lists a model's faults, `show.show_model` prints what
 became of it; `library` rebuilds the shipped FMUs.
 
-Imports `simulation` and the packages below it.
+Imports `simulation` and the packages listed before it in CONTRIBUTING.md.
 """

@@ -40,7 +40,7 @@ from orchestrator.diagnosis.unknown_input.played import LawEffect, PlayedModel
 from orchestrator.diagnosis.unknown_input.polish import Polished, Replays
 from orchestrator.diagnosis.unknown_input.response import Responses
 from orchestrator.diagnosis.unknown_input.search import Search, kin_of
-from orchestrator.diagnosis.unknown_input.separate import Simulable, separating
+from orchestrator.diagnosis.unknown_input.separate import FittedAnswer, separating
 from orchestrator.system.connection import Port
 
 pytest.importorskip("rumoca")
@@ -481,7 +481,7 @@ def test_an_experiment_separates_laws_that_agree_on_the_logs(fmus: Path) -> None
             law = next(one for one in library() if one.name == name)
             put = Inserted(place, law.address, (index,), len(law.numbers), law.states)
             one = Candidate(law, place, "mass.velocity", put, numbers, 1.0)
-            made.append(Simulable((one,), np.r_[model.nominal, numbers], [each[3] for each in runs.data]))
+            made.append(FittedAnswer((one,), np.r_[model.nominal, numbers], [each[3] for each in runs.data]))
         (found,) = separating(runs, made[0], made[1:])
     assert found.what.startswith("repeat the run a with") and "amplitude" in found.what
     assert found.rival == "viscous at mass.force of mass.velocity"
@@ -496,7 +496,7 @@ def test_a_rival_that_runs_away_needs_no_experiment(fmus: Path) -> None:
         law = next(one for one in readable(model, place) if one.law.name == "viscous")
         starts = [each[3] for each in runs.data]
         answer, rival = (
-            Simulable((replace(law, numbers=(factor,)),), np.r_[model.nominal, factor], starts)
+            FittedAnswer((replace(law, numbers=(factor,)),), np.r_[model.nominal, factor], starts)
             for factor in (-1.0, 500.0)
         )
         assert separating(runs, answer, [rival]) == []

@@ -12,21 +12,18 @@ from threadpoolctl import threadpool_limits
 
 from ...base.errors import ConfigError
 from ..study.study import PortStudy, Role
-from .choice import rivals_of, share_among, significant, simplest
+from .choice import choose_answer, rivals_of, share_among
 from .fits import Weighed
-from .judge import closed, replayed
+from .held_out_replay import closed, replayed
 from .law_fit import Candidate, Fitted
 from .model import StateModel
 from .places import Ranked, Runs, rank, smoothed_at
 from .played import PlayedModel
 from .search import Search
-from .separate import Experiment, Simulable, separating
+from .separate import Experiment, FittedAnswer, separating
 from .thinning import thinned, without_outliers
+from .verdict import nearest_laws, verdict_on
 
-__all__ = ["Answer", "answer"]
-
-# Share of the logs' spread below which a residual without a name counts as none.
-_SMALL = 0.05
 # Learned on random systems (`orchestrator challenge --random 11700 --count 51`, and 170 cases before):
 # how often answers are wrong that leave at most so many times the noise on held-out runs; and where more is
 # left, laws and "none".
@@ -37,8 +34,6 @@ _OUTSIDE = 0.6
 # Most that a law is stated with whose component the logs do not determine: 16 of 20 such were right
 # (`orchestrator challenge --random 12000 --count 350`, 240 cases of it).
 _SOMEWHERE = 0.8
-# Least share of the gap that the nearest laws close on held-out runs to be stated.
-_HINT = 0.1
 # Probability from which on a rival is worth an experiment, and rivals that experiments separate.
 _LIKELY, _RIVALS = 0.02, 4
 
@@ -95,7 +90,7 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
         model.study = thinned(model)
         search = Search(Runs(model, model.study.of(Role.TRAIN, Role.VALIDATION)), progress)
         weighed = search.weighed(search.searched())
-        chosen = simplest(search, weighed)
+        chosen = choose_answer(search, weighed)
         progress("judgement")
         made = _judged(study, model, search, weighed, chosen)
         if search.left_out:
@@ -129,7 +124,7 @@ def _judged(
     before = calibrated.remains
     if best.laws and search.far(search.base.constants):
         before = replayed(held, (), search.limited(search.base.constants)).remains
-    verdict, remarks = _verdict(search, best, closed(before, judged.remains), *shares)
+    verdict, remarks = verdict_on(search, best, closed(before, judged.remains), *shares)
     doubtful = judged.remains > _NEAR_NOISE and (best.laws or verdict == "none")
     wrong = (_NOT_NONE if verdict == "none" else _WRONG_FAR) if doubtful else _WRONG_NEAR
     probability, rivals, elsewhere = rivals_of(search, weighed, chosen, 1.0 - wrong, bool(doubtful))
@@ -146,7 +141,7 @@ def _judged(
     ]
     named = best if best.laws else None
     if verdict == "outside" and named is None:
-        named, hint = _nearest(held, weighed, calibrated.remains)
+        named, hint = nearest_laws(held, weighed, calibrated.remains)
         remarks += hint
     twins = [two for one in best.laws for two in search.twins.get(one.name, [])]
     known = {one.name for one in (*best.laws, *twins)}
@@ -167,50 +162,6 @@ def _judged(
     )  # fmt: skip
 
 
-def _verdict(
-    search: Search, best: Fitted, shrunk: float, share: float, calibrated: float
-) -> tuple[str, list[str]]:
-    """Verdict and remarks.
-
-    Args:
-        shrunk: share of the gap, calibrated within the tolerances, that the answer closes on held-out runs.
-        share, calibrated: residual of the answer and without it, over the spread of the logs.
-    """
-    if best.laws and shrunk >= 0.5:
-        return "law", []
-    remains = search.base.remains
-    left = (
-        f"The calibrated model leaves {remains:.3g} times the noise, {100 * calibrated:.2g} % of the "
-        "signals' spread. No law of the library explains it."
-    )
-    if best.laws:
-        contradicted = (
-            "The held-out runs contradict the nearest law: it closes less than half of the gap there."
-        )
-        # Such a law imitates what differs from run to run, which needs no name where it is small.
-        if shrunk < _HINT and calibrated <= _SMALL:
-            return "none", [contradicted, left]
-        return "outside", [contradicted]
-    if remains > 2.0 and share > _SMALL:
-        return "outside", []
-    return "none", [left] if remains > 2.0 else []
-
-
-def _nearest(
-    held: Runs, weighed: Sequence[Weighed], calibrated: float
-) -> tuple[Fitted | None, list[str]]:
-    """The likeliest laws, although they explain too little, and a remark; none that held-out runs refuse."""
-    found = next(((one, two) for one, two, _ in weighed if one.laws and significant(one)), None)
-    if found is None:
-        return None, []
-    one, fit = found
-    share = closed(calibrated, replayed(held, [law.inserted for law in one.laws], fit.constants).remains)
-    if share < _HINT:
-        return None, []
-    names = " + ".join(law.name for law in one.laws)
-    return one, [f"The nearest laws close {100 * share:.0f} % of the calibrated gap there: {names}."]
-
-
 def _experiments(
     search: Search, weighed: Sequence[Weighed], chosen: int,
     rivals: Sequence[tuple[Fitted, float]],
@@ -219,7 +170,9 @@ def _experiments(
     search.model.study = search.study
     best, found, _ = weighed[chosen]
     likely = {id(one) for one, chance in rivals[:_RIVALS] if chance > _LIKELY}
-    others = [Simulable(one.laws, two.constants, two.starts) for one, two, _ in weighed if id(one) in likely]
+    others = [
+        FittedAnswer(one.laws, two.constants, two.starts) for one, two, _ in weighed if id(one) in likely
+    ]
     for k, law in enumerate(best.laws):
         for twin in search.twins.get(law.name, [])[:_RIVALS]:
             constants = found.constants
@@ -227,8 +180,8 @@ def _experiments(
                 at = len(search.model.nominal) + sum(len(one.law.numbers) for one in best.laws[:k])
                 constants = np.r_[constants[:at], twin.numbers, constants[at + len(law.law.numbers) :]]
             laws = (*best.laws[:k], twin, *best.laws[k + 1 :])
-            others.append(Simulable(laws, constants, found.starts))
-    return separating(search.runs, Simulable(best.laws, found.constants, found.starts), others)
+            others.append(FittedAnswer(laws, constants, found.starts))
+    return separating(search.runs, FittedAnswer(best.laws, found.constants, found.starts), others)
 
 
 def _estimate(search: Search) -> tuple[list[Ranked], dict[str, Any] | None]:

@@ -8,8 +8,6 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-__all__ = ["SIGNATURE", "call_law"]
-
 # time, signals, numbers, hidden states, written: the law's value and the derivatives of its hidden states.
 _POINTER = types.CPointer(types.float64)
 SIGNATURE = types.void(types.float64, _POINTER, _POINTER, _POINTER, _POINTER)

@@ -8,15 +8,16 @@ from typing import Any
 import numpy as np
 
 from .fits import Weighed
-from .judge import closed
+from .held_out_replay import closed
 from .law_fit import Candidate, Fitted
 from .score import odds_of
 from .search import LEAST, SECOND, Search
 
-__all__ = ["rivals_of", "share_among", "significant", "simplest"]
-
-# Shares of what is left that a law must close: the first or a rare one, or a second one.
-_THIRD, _HALF = 0.3, 0.5
+# Shares of what is left that a law must close: the first or a rarer one, and a second one.
+_FIRST_CLOSES, _SECOND_CLOSES = 0.3, 0.5
+# Share that an answer must close of what another one leaves, if it moves a parameter beyond its tolerance, or
+# has more numbers than the other, of the same family.
+_HALF = 0.5
 # Learned on random systems (`orchestrator challenge --random 6000 --count 60`): nats that count as one.
 _TEMPERATURE = 1.14
 # Weight of a rival that its evidence makes as likely as the answer, which is the simplest. Learned on 32 laws
@@ -26,7 +27,7 @@ _RIVAL = 0.3
 _AS_LIKELY = 3.0
 
 
-def simplest(search: Search, weighed: Sequence[Weighed]) -> int:
+def choose_answer(search: Search, weighed: Sequence[Weighed]) -> int:
     """Index of the answer.
 
     A second law must halve what the best single one leaves, if that is twice the noise or more, or bring
@@ -36,7 +37,7 @@ def simplest(search: Search, weighed: Sequence[Weighed]) -> int:
     component.
     """
 
-    def shrunk(before: int, after: int) -> float:
+    def closed_share(before: int, after: int) -> float:
         return closed(weighed[before].polished.remains, weighed[after].polished.remains, 0.0)
 
     best: dict[int, int] = {}
@@ -48,26 +49,26 @@ def simplest(search: Search, weighed: Sequence[Weighed]) -> int:
         if not ranked:
             continue
         usual = [k for k in ranked if not any(law.law.late for law in weighed[k].fitted.laws)]
-        share = _HALF if count == 2 else _THIRD
-        if usual and shrunk(usual[0], ranked[0]) <= share:
+        share = _SECOND_CLOSES if count == 2 else _FIRST_CLOSES
+        if usual and closed_share(usual[0], ranked[0]) <= share:
             ranked = usual
         near = [k for k in ranked if not search.far(weighed[k].polished.constants)]
         best[count] = (near or ranked)[0]
-        if near and shrunk(near[0], ranked[0]) > _HALF:
+        if near and closed_share(near[0], ranked[0]) > _HALF:
             best[count] = ranked[0]
     chosen = best[0]
     for count in (1, 2):
         if count in best:
             before, after = weighed[chosen], weighed[best[count]]
             gain = after.evidence - before.evidence
-            share = _HALF if count == 2 else _THIRD
+            share = _SECOND_CLOSES if count == 2 else _FIRST_CLOSES
             if count == 2 and len(before.fitted.laws) == 1 and before.polished.remains < SECOND:
                 # One law explains the logs, unless it needs what the tolerances do not allow.
                 far, still = (search.far(one.polished.constants) for one in (before, after))
                 if gain > LEAST and far and not still:
                     chosen = best[count]
                 continue
-            if gain > LEAST and shrunk(chosen, best[count]) >= share:
+            if gain > LEAST and closed_share(chosen, best[count]) >= share:
                 chosen = best[count]
     answer = weighed[chosen]
     simpler = [

@@ -19,8 +19,6 @@ from .corrected_component import ModelOfLaw, build_corrected
 from .evaluation import Kinds
 from .law_fit import Candidate
 
-__all__ = ["write_corrected"]
-
 
 def write_corrected(study: PortStudy, found: Answer, folder: Path) -> list[str]:
     """Write `corrected.yaml` with the calibrated numbers and the laws, and a model and an FMU for each law.

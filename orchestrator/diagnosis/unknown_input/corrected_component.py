@@ -24,8 +24,6 @@ from ...translate.package import this_platform
 from ...translate.presentation import PROVENANCE, source_digest
 from ...translate.show import show_model
 
-__all__ = ["ModelOfLaw", "build_corrected", "source_of"]
-
 _HEAD = re.compile(r"^(?:model|block|class) ([\w']+).*\n", re.MULTILINE)
 
 

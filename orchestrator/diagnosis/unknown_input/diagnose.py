@@ -19,8 +19,6 @@ from .answer import Answer, answer
 from .corrected import write_corrected
 from .report import data_of, text_of
 
-__all__ = ["DiagnosedSystem", "diagnose_system"]
-
 
 @dataclass(frozen=True)
 class DiagnosedSystem:

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from multiprocessing import Value
 
-__all__ = ["Effort"]
-
 # Evaluations after which a search begins nothing new. A core makes 3 to 8 million a second.
 _LIMIT = 4e8
 # Of these, what one simulation of all runs may take.

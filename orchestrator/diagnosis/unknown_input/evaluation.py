@@ -14,8 +14,6 @@ from ...base.compiled_functions import njit
 from ...simulation.native.foreign_calls import call_fmi2_values, call_fmi3_values, load, store
 from .calls import call_law
 
-__all__ = ["COLUMNS", "Inserted", "Kinds", "Place", "acts_of", "evaluate", "past_of"]
-
 Array = NDArray[np.float64]
 # Columns of a component's row.
 SET, GET, SELF, SET_REFS, SETS, SET_VALUES, GET_REFS, GETS, GET_VALUES = range(9)

@@ -11,14 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.parallel import in_parallel
-from .judge import closed
+from .held_out_replay import closed
 from .law_fit import Candidate, Fitted
 from .laws import Number
 from .places import Runs
 from .polish import Polished, polished
 from .score import SAMPLES
-
-__all__ = ["MANY", "Fit", "Fits", "Weighed", "best_of_each"]
 
 Array = NDArray[np.float64]
 # Steps of a fit that is tried. Sets of laws that are fitted before one that explains the logs ends the trial.

@@ -19,8 +19,6 @@ from .laws import Law, dimension, library
 from .model import StateModel
 from .places import Ranked, Runs, loglik, smoothed_at
 
-__all__ = ["Candidate", "Fitted", "fit_by_filter", "readable", "screened", "spread_out", "starts_of"]
-
 Array = NDArray[np.float64]
 # Samples of a run that the regression looks at.
 _SAMPLES = 400

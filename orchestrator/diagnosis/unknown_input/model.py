@@ -41,8 +41,6 @@ from .evaluation import (
     Y,
 )
 
-__all__ = ["StateModel"]
-
 Array = NDArray[np.float64]
 
 

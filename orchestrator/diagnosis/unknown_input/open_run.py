@@ -17,11 +17,6 @@ from ...base.compiled_functions import njit
 from .evaluation import Inserted, Place, acts_of, evaluate, past_of
 from .model import StateModel
 
-__all__ = [
-    "Tangent", "advance", "jacobians", "matrix_effort", "rows_of", "sensitive", "signals_along", "simulated",
-    "step_room", "substeps", "tangent", "transition",
-]  # fmt: skip
-
 Array = NDArray[np.float64]
 # States beyond it have run away; FMUs would complain of each infinite number that follows.
 _AWAY = 1e100
@@ -294,9 +289,7 @@ def _signals(rows, wiring, path, n, ext, h, acts, signals, nu, ny):
     return found
 
 
-def rows_of(
-    model: StateModel, laws: Sequence[Inserted], w: Place | None, order: int
-) -> tuple[Any, Any, Any]:
+def rows_of(model: StateModel, laws: Sequence[Inserted], w: Place | None, order: int) -> tuple[Any, Any, Any]:
     """Sizes of the parts of z, and what acts with the signals that it reads; see `acts_of`."""
     hidden, numbers = sum(one.states for one in laws), sum(one.numbers for one in laws)
     n = np.array([len(model.states), hidden, len(model.parameters), numbers, order], np.int64)

@@ -13,8 +13,6 @@ from ...plotting.page import html
 from .answer import Answer
 from .report import data_of, headline
 
-__all__ = ["page"]
-
 _MOST_POINTS = 3000
 
 

@@ -20,8 +20,6 @@ from .open_run import signals_along, simulated, substeps
 from .played import PlayedModel
 from .smoother import Smoothed, filtered, pass_effort
 
-__all__ = ["Ranked", "Runs", "rank", "smoothed_at"]
-
 Array = NDArray[np.float64]
 # Random walk: share of the signal's spread that w moves by within a twentieth of a run.
 _MOVES = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)

@@ -30,8 +30,6 @@ from .calls import call_law
 from .evaluation import COLUMNS, Inserted, Kinds, Place
 from .model import StateModel
 
-__all__ = ["LawEffect", "PlayedModel"]
-
 Array = NDArray[np.float64]
 # Numbers, and states, that a law has at most; steps of its states between two communication points.
 _MOST, _PARTS = 4, 8

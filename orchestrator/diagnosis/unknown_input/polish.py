@@ -17,8 +17,6 @@ from .evaluation import Inserted
 from .open_run import sensitive
 from .places import Runs
 
-__all__ = ["WORST", "Polished", "Replays", "correlation_length", "polished"]
-
 Array = NDArray[np.float64]
 WORST = 1e5  # residuals over the noise are cut off there, where a simulation runs away
 _STEEPEST = 1e100  # derivatives are cut off there

@@ -1,4 +1,4 @@
-"""What the search by unknown inputs gives out: JSON and text."""
+"""Write the diagnosis as JSON data and as text."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from typing import Any
 
 from .answer import Answer
 from .law_fit import Fitted
-
-__all__ = ["data_of", "headline", "text_of"]
 
 
 def _laws(one: Fitted, units: Mapping[str, str]) -> list[dict[str, Any]]:
@@ -21,7 +19,7 @@ def _laws(one: Fitted, units: Mapping[str, str]) -> list[dict[str, Any]]:
             number.name: {
                 "value": float(value),
                 "sigma": float(sigma),
-                "unit": _inserted(number.unit, place, *read),
+                "unit": _law_unit(number.unit, place, *read),
             }
             for number, value, sigma in zip(law.law.numbers, values, sigmas, strict=True)
         }  # fmt: skip
@@ -39,7 +37,7 @@ def _unit(place: str, units: Mapping[str, str]) -> str:
     return units.get(place, "1")
 
 
-def _inserted(unit: str, place: str, signal: str, second: str) -> str:
+def _law_unit(unit: str, place: str, signal: str, second: str) -> str:
     """A law's unit with the place's for w, the signal's for u and the second signal's for v."""
     words = {
         "w": f"({place})" if "/" in place and unit != "w" else place,

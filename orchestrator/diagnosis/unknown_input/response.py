@@ -18,8 +18,6 @@ from .law_fit import Candidate
 from .open_run import Tangent, tangent
 from .places import Runs
 
-__all__ = ["Responses"]
-
 Array = NDArray[np.float64]
 
 

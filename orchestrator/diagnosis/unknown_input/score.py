@@ -23,8 +23,6 @@ from .places import Runs
 from .polish import WORST, Replays
 from .response import Responses
 
-__all__ = ["SAMPLES", "Scores", "odds_of", "scored"]
-
 Array = NDArray[np.float64]
 # Samples of a run that are looked at, and share of the signal at the place that a law's amplitude tries.
 SAMPLES, _SMALL = 1500, 1e-3

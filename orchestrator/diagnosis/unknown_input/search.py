@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 
 from ...base.parallel import in_parallel
 from .fits import MANY, Fit, Fits, best_of_each
-from .judge import likely
+from .held_out_replay import likely
 from .law_fit import Candidate, Fitted, fit_by_filter, readable, screened, spread_out, starts_of
 from .model import StateModel
 from .places import Runs, rank
 from .polish import Replays, correlation_length, polished
 from .score import Scores, scored
-
-__all__ = ["LEAST", "SECOND", "Search", "kin_of"]
 
 Array = NDArray[np.float64]
 # Laws that are fitted by a few steps, how often the same one, and of these those that are fitted to the end.
@@ -202,8 +200,7 @@ class Search(Fits):
         fitted, pair = min(pairs, key=lambda one: one.remains)
         count = len(self.model.nominal)
         return self.fit_each(
-            ((law,), np.r_[pair.constants[:count], values], pair.starts)
-            for law, values, _ in fitted.by_law()
+            ((law,), np.r_[pair.constants[:count], values], pair.starts) for law, values, _ in fitted.by_law()
         )
 
     def likelier(self, found: Sequence[Fit]) -> list[Fit]:

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from .law_fit import Candidate
 from .places import Runs
 
-__all__ = ["Experiment", "Simulable", "separating"]
-
 Array = NDArray[np.float64]
 # Runs that can be made: amplitude of what is fed, and its speed, over those of the first run.
 _RUNS = (
@@ -25,7 +23,7 @@ _SEEN, _SHARE = 3.0, 0.05
 
 
 @dataclass(frozen=True)
-class Simulable:
+class FittedAnswer:
     """Laws with their numbers, as the runs are simulated with them.
 
     Attributes:
@@ -48,8 +46,9 @@ class Experiment:
 
     Attributes:
         what: is to be done. rival: that it separates from the answer.
-        difference: of the two at what is compared, root mean square over the noise; of a sensor, over the
-            spread of its signal. before: the same in the run as it is.
+        difference: of both answers, a root mean square. Of another run it is over the noise; of another
+            sensor, in percent of its signal's spread.
+        before: difference in the runs that there are, over the noise.
     """
 
     what: str
@@ -58,7 +57,7 @@ class Experiment:
     before: float
 
 
-def separating(runs: Runs, answer: Simulable, rivals: Sequence[Simulable]) -> list[Experiment]:
+def separating(runs: Runs, answer: FittedAnswer, rivals: Sequence[FittedAnswer]) -> list[Experiment]:
     """For each rival the experiment that separates it best, if one does."""
     if not rivals:
         return []
@@ -66,7 +65,7 @@ def separating(runs: Runs, answer: Simulable, rivals: Sequence[Simulable]) -> li
     found = []
     for rival in rivals:
         tried = [
-            *_other_runs(_differ(runs, runs_made, _first_run_again(runs, rival)), runs, rival),
+            *_other_runs(_differences(runs, runs_made, _first_run_again(runs, rival)), runs, rival),
             *_sensors(runs, logged, _outputs(runs, rival), rival),
         ]
         if tried:
@@ -74,7 +73,7 @@ def separating(runs: Runs, answer: Simulable, rivals: Sequence[Simulable]) -> li
     return found
 
 
-def _first_run_again(runs: Runs, one: Simulable) -> list[Array]:
+def _first_run_again(runs: Runs, one: FittedAnswer) -> list[Array]:
     """Compared signals of the first run: as it is, and with each of the other inputs."""
     ext, held, _, start = runs.data[0]
     found = []
@@ -86,7 +85,7 @@ def _first_run_again(runs: Runs, one: Simulable) -> list[Array]:
     return found
 
 
-def _differ(runs: Runs, ours: Sequence[Array], theirs: Sequence[Array]) -> list[float]:
+def _differences(runs: Runs, ours: Sequence[Array], theirs: Sequence[Array]) -> list[float]:
     """Root mean squares of the differences of runs, over the noise."""
     with np.errstate(invalid="ignore", over="ignore"):
         return [
@@ -95,15 +94,15 @@ def _differ(runs: Runs, ours: Sequence[Array], theirs: Sequence[Array]) -> list[
         ]
 
 
-def _other_runs(differ: Sequence[float], runs: Runs, rival: Simulable) -> Iterator[Experiment]:
+def _other_runs(differences: Sequence[float], runs: Runs, rival: FittedAnswer) -> Iterator[Experiment]:
     """The first run again, with other inputs."""
-    before, *others = differ
+    before, *others = differences
     for (*_, what), one in zip(_RUNS, others, strict=True):
         if np.isfinite(one) and one > max(_SEEN, 2.0 * before):
             yield Experiment(f"repeat the run {runs.runs[0].name} {what}", rival.name, one, before)
 
 
-def _outputs(runs: Runs, one: Simulable) -> Array:
+def _outputs(runs: Runs, one: FittedAnswer) -> Array:
     """All outputs of all runs, one run after the other, shape (samples, outputs)."""
     first, settled = len(runs.model.states) + len(runs.model.inputs), runs.model.study.settled
     return np.vstack([
@@ -112,21 +111,21 @@ def _outputs(runs: Runs, one: Simulable) -> Array:
     ])  # fmt: skip
 
 
-def _sensors(runs: Runs, ours: Array, theirs: Array, rival: Simulable) -> Iterator[Experiment]:
+def _sensors(runs: Runs, ours: Array, theirs: Array, rival: FittedAnswer) -> Iterator[Experiment]:
     """Outputs that are not compared yet and in which the two differ."""
     model = runs.model
     noise = dict(zip(model.compared, model.noise, strict=True))
     with np.errstate(invalid="ignore", over="ignore"):  # where one of them runs away
-        differ = np.sqrt(np.mean((ours - theirs) ** 2, axis=0))
-    before = max(differ[model.outputs.index(port)] / noise[port] for port in model.compared)
-    for port, size, spread in zip(model.outputs, differ, ours.std(axis=0), strict=True):
-        told = 0.0 < _SHARE * spread < size < np.inf and np.isfinite(before)
-        if port not in noise and port not in model.fed and told:
+        sizes = np.sqrt(np.mean((ours - theirs) ** 2, axis=0))
+    before = max(sizes[model.outputs.index(port)] / noise[port] for port in model.compared)
+    for port, size, spread in zip(model.outputs, sizes, ours.std(axis=0), strict=True):
+        separates = 0.0 < _SHARE * spread < size < np.inf and np.isfinite(before)
+        if port not in noise and port not in model.fed and separates:
             what = f"log {port}, where the two differ by {100 * size / spread:.2g} % of the signal's spread"
             yield Experiment(what, rival.name, 1e2 * float(size / spread), float(before))
 
 
-def _simulated(runs: Runs, one: Simulable, ext: Array, held: Any, start: Array) -> tuple[Array, Array]:
+def _simulated(runs: Runs, one: FittedAnswer, ext: Array, held: Any, start: Array) -> tuple[Array, Array]:
     inserted = [law.inserted for law in one.laws]
     z = np.concatenate([start, np.zeros(sum(law.states for law in inserted)), one.constants])
     return runs.simulated(ext, held, z, inserted, signals=True)

@@ -18,8 +18,6 @@ from .evaluation import Inserted, Place, past_of
 from .model import StateModel
 from .open_run import advance, jacobians, matrix_effort, rows_of, step_room, transition
 
-__all__ = ["Smoothed", "filtered", "pass_effort"]
-
 Array = NDArray[np.float64]
 
 

@@ -14,8 +14,6 @@ from .model import StateModel
 from .places import Runs
 from .polish import Replays
 
-__all__ = ["thinned", "without_outliers"]
-
 Array = NDArray[np.float64]
 # Samples that are enough for a search, and noises by which simulations with fewer may differ.
 _ENOUGH, _SAME_SIMULATION = 3000, 0.1

@@ -16,8 +16,6 @@ from ....base.compiled_functions import cfunc
 from ....base.units import UnitError, parse_unit
 from ..calls import SIGNATURE
 
-__all__ = ["Law", "Number", "dimension"]
-
 _DIMENSIONS = {
     "force": ("N", "N.m"), "rate": ("m/s", "rad/s"), "travel": ("m", "rad"), "electric": ("V", "A"),
     "temperature": ("K",), "flow": ("W", "kg/s", "m3/s"), "pressure": ("Pa",), "angle": ("rad",),
@@ -108,8 +106,8 @@ class Law:
             listed in the study, so that a gain or an offset elsewhere is less likely.
         unlogged: factor of the odds at a motion or a temperature that is not logged. Such signals join parts
             of a machine, which keep no offset against each other; what is logged has passed a sensor.
-        late: whether it is tried only where the other laws leave more than the noise. It then has to halve
-            what they leave.
+        late: whether it is tried only where the other laws leave more than the noise. It then has to
+            close 30 % of what they leave.
         covers: range of the signal that shows the law: a ripple of which less is seen looks like others.
         delay: whether it delays the signal by its first number. Simulations look the signal up in the past;
             `code` is what a filter takes instead.

@@ -12,13 +12,11 @@ from .evaluation import Inserted
 from .places import Runs
 from .polish import Replays, polished
 
-__all__ = ["Judged", "closed", "likely", "replayed"]
-
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Judged:
+class HeldOutReplay:
     """What open replays of runs leave.
 
     Attributes:
@@ -32,7 +30,7 @@ class Judged:
 
 def replayed(
     runs: Runs, laws: Sequence[Inserted], constants: Array, *, as_configured: bool = False
-) -> Judged:
+) -> HeldOutReplay:
     """Replay runs with fixed constants, from the start states that suit each run best.
 
     Args:
@@ -46,7 +44,7 @@ def replayed(
     replays = Replays(runs, laws, starts=starts)
     found = [replays.found(k, start, constants) for k, start in enumerate(starts)]
     left = np.concatenate([replays.compared(k, one) for k, one in enumerate(found)])
-    return Judged(float(np.sqrt(np.mean(left**2))), found)
+    return HeldOutReplay(float(np.sqrt(np.mean(left**2))), found)
 
 
 def likely(runs: Runs, laws: Sequence[Inserted], constants: Array) -> list[Array]:

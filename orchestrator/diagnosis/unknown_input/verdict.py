@@ -1,0 +1,61 @@
+"""Decide whether laws are the answer, nothing is missing, or the library lacks what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .choice import significant
+from .fits import Weighed
+from .held_out_replay import closed, replayed
+from .law_fit import Fitted
+from .places import Runs
+from .search import Search
+
+# Share of the gap on held-out runs that laws must close to be the answer, and to be named as the nearest.
+_CLOSES, _HINT = 0.5, 0.1
+# Share of the logs' spread below which a residual without a name counts as none.
+_SMALL = 0.05
+
+
+def verdict_on(
+    search: Search, best: Fitted, closes: float, share: float, calibrated: float
+) -> tuple[str, list[str]]:
+    """The verdict on the best laws, and remarks for the reader.
+
+    Args:
+        closes: share of the gap, calibrated within the tolerances, that the answer closes on held-out runs.
+        share, calibrated: residual of the answer and without it, over the spread of the logs.
+    """
+    if best.laws and closes >= _CLOSES:
+        return "law", []
+    remains = search.base.remains
+    left = (
+        f"The calibrated model leaves {remains:.3g} times the noise, {100 * calibrated:.2g} % of the "
+        "signals' spread. No law of the library explains it."
+    )
+    if best.laws:
+        contradicted = (
+            "The held-out runs contradict the nearest law: it closes less than half of the gap there."
+        )
+        # Such a law imitates what differs from run to run, which needs no name where it is small.
+        if closes < _HINT and calibrated <= _SMALL:
+            return "none", [contradicted, left]
+        return "outside", [contradicted]
+    if remains > 2.0 and share > _SMALL:
+        return "outside", []
+    return "none", [left] if remains > 2.0 else []
+
+
+def nearest_laws(
+    held: Runs, weighed: Sequence[Weighed], calibrated: float
+) -> tuple[Fitted | None, list[str]]:
+    """The likeliest laws, although they explain too little, and a remark; none that held-out runs refuse."""
+    found = next(((one, two) for one, two, _ in weighed if one.laws and significant(one)), None)
+    if found is None:
+        return None, []
+    one, fit = found
+    share = closed(calibrated, replayed(held, [law.inserted for law in one.laws], fit.constants).remains)
+    if share < _HINT:
+        return None, []
+    names = " + ".join(law.name for law in one.laws)
+    return one, [f"The nearest laws close {100 * share:.0f} % of the calibrated gap there: {names}."]
