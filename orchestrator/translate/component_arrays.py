@@ -12,13 +12,14 @@ from itertools import pairwise
 
 from ..base.errors import BuildError
 from .built_in import BUILT_IN, FUNCTIONS
-from .declared_classes import ClassPart, DeclaredClass, DeclaredClasses, own_tokens
+from .declared_classes import DeclaredClass, dimensions, own_tokens
 from .lexer import Token, closing
 from .modifiers import arguments
-from .source_edits import edited, outermost, path_end, path_of, text_end, words_of
+from .operator_values import INDEX
+from .source_edits import edited, outermost, path_end, text_end, words_of
 from .sources import SourceTree
+from .typed_classes import Component, TypedClasses, sizes_of
 
-_INDEX = "adapted_index"
 _SIGNS = frozenset(("(", ")", "+", "-", "*", "/", ".*", "./", ".+", ".-"))
 _CLASS = re.compile(r"\b(?:model|block|class|connector|record)\s+\w+")
 _MOST_ROUNDS = 20
@@ -52,8 +53,8 @@ def with_component_arrays(texts: Mapping[str, str]) -> dict[str, str]:
     return changed
 
 
-class _Components(DeclaredClasses):
-    """Components of classes, and whether they are arrays."""
+class _Components(TypedClasses):
+    """Components of classes, and their sizes as arrays."""
 
     def refuse_single(self, tree: SourceTree, model: str, names: Iterable[str]) -> None:
         seen = set[str]()
@@ -61,20 +62,19 @@ class _Components(DeclaredClasses):
             *path, _ = _ELEMENT.split(name.removeprefix("der(")) or [""]
             one = self._get(model)
             for depth, element in enumerate(path, 1):
-                found = self._declared(one, element.partition("[")[0]) if one is not None else None
+                found = self.own_component(one, element.partition("[")[0]) if one is not None else None
                 if found is None:
                     break
-                owner, part = found
+                owner, part, at = found
                 whole = ".".join(path[:depth])
-                at = next((at for at, _ in part.names if owner.tokens[at].text == element), None)
-                if at is not None and whole not in seen and dimensions(owner, part, at):
+                if "[" not in element and whole not in seen and dimensions(owner, part, at):
                     place = tree.at(owner.file, owner.tokens[at])
                     raise BuildError(
                         f"{place}: the size of the array `{whole}` is not known to the compiler, which is "
                         "not supported; give it by numbers and Integer parameters"
                     )
                 seen.add(whole)
-                one = self._type_of(owner, part)
+                one = self.kind_of(owner, part)[1]
 
     def edits(self) -> dict[str, list[tuple[int, int, str]]]:
         found: dict[str, list[tuple[int, int, str]]] = {}
@@ -86,16 +86,16 @@ class _Components(DeclaredClasses):
             for part in one.parts if one.file in self._texts else ():
                 for at, opening in part.names if part.kind == "components" else ():
                     sizes, edits = dimensions(one, part, at), found.setdefault(one.file, [])
-                    built_in = self._is_built_in(one, part)
+                    kind = self.kind_of(one, part)[1]
                     for first, end in sizes:
-                        edits += self._sizes_of(one, range(first, end), built_in)
-                    if len(sizes) == 1 and opening >= 0 and not built_in:
+                        edits += self._sizes_of(one, range(first, end), kind is None)
+                    if len(sizes) == 1 and opening >= 0 and kind is not None:
                         edits += self._given(one, opening, words_of(one.tokens[slice(*sizes[0])]))
                     elif not sizes and opening >= 0:
-                        edits += self._within(one, opening, self._type_of(one, part))
+                        edits += self._within(one, opening, kind)
                 if part.kind == "extends" and part.opening >= 0:
                     edits = found.setdefault(one.file, [])
-                    edits += self._within(one, part.opening, self._type_of(one, part))
+                    edits += self._within(one, part.opening, self.kind_of(one, part)[1])
         return {file: outermost(set(edits)) for file, edits in found.items() if edits}
 
     def _within(
@@ -107,14 +107,14 @@ class _Components(DeclaredClasses):
             at = first + (tokens[first].text == "final")
             if tokens[at].kind != "name" or tokens[at + 1].text != "(":
                 continue
-            found = self._declared(kind, tokens[at].text)
-            if found is None or found[1].kind != "components":
+            found = self.own_component(kind, tokens[at].text)
+            if found is None:
                 continue
-            sizes = self._sizes(kind, tokens[at].text, True)
+            sizes = self._sizes(found, True)
             if len(sizes) == 1:  # a name may mean something else here
                 yield from self._given(one, at + 1, sizes[0] if sizes[0].isdigit() else "")
             elif not sizes:
-                yield from self._within(one, at + 1, self._type_of(*found))
+                yield from self._within(one, at + 1, self.kind_of(*found[:2])[1])
 
     def _given(self, one: DeclaredClass, opening: int, size: str) -> Iterator[tuple[int, int, str]]:
         """Values in the bracket that modifies an array of components, written element by element."""
@@ -137,9 +137,9 @@ class _Components(DeclaredClasses):
             first_one, last_one = bounds
             if first_one == "1" and _differ(last_one, size):
                 return ""
-            return f"{{{_INDEX} for {_INDEX} in {first_one}:{last_one}}}"
+            return f"{{{INDEX} for {INDEX} in {first_one}:{last_one}}}"
         if bounds and size:
-            return f"{{{_element_of(bounds)} for {_INDEX} in 1:{size}}}"
+            return f"{{{_element_of(bounds)} for {INDEX} in 1:{size}}}"
         if path_end([*tokens[first:end], tokens[end]], 0) == end - first:
             return ""  # a name, which the compiler takes
         words, vectors, at, wanted = list[str](), 0, first, size
@@ -165,7 +165,7 @@ class _Components(DeclaredClasses):
                 }  # fmt: skip
                 if (value := values.get((name, len(inner)))) is None:
                     return ""
-                words.append(value.format(*inner, i=_INDEX))
+                words.append(value.format(*inner, i=INDEX))
                 size = inner[-1]
                 at, vectors = closing(tokens, behind) + 1, vectors + 1
             elif behind > at:
@@ -186,7 +186,7 @@ class _Components(DeclaredClasses):
                 return ""
             if (product and vectors - before > 1) or _differ(size, wanted):
                 return ""  # it may be a scalar product, or has another size, as the compiler finds
-        return "" if not vectors or not size else f"{{{' '.join(words)} for {_INDEX} in 1:{size}}}"
+        return "" if not vectors or not size else f"{{{' '.join(words)} for {INDEX} in 1:{size}}}"
 
     def _name(self, one: DeclaredClass, at: int, behind: int) -> tuple[str, list[str] | None, int]:
         """A name's element, its sizes (None where they are not known), and the token behind it."""
@@ -196,15 +196,13 @@ class _Components(DeclaredClasses):
         inner: DeclaredClass | None = one
         texts, all_sizes, sizes = list[str](), list[str](), list[str]()
         for name in text.split(" . "):
-            found = self._declared(inner, name) if inner is not None else None
-            if found is None or found[1].path[1] == 0:
+            found = self.own_component(inner, name) if inner is not None else None
+            if found is None:
                 return text, None, behind
-            owner, part = found
-            place = next(here for here, _ in part.names if owner.tokens[here].text == name)
-            sizes = [words_of(owner.tokens[slice(*size)]) for size in dimensions(owner, part, place)]
-            texts.append(f"{name}[{_INDEX}]" if sizes else name)
+            sizes = sizes_of(found)
+            texts.append(f"{name}[{INDEX}]" if sizes else name)
             all_sizes += sizes
-            inner = self._type_of(owner, part)
+            inner = self.kind_of(*found[:2])[1]
         if tokens[behind].text != "[":
             return ".".join(texts), all_sizes, behind
         close = closing(tokens, behind)
@@ -214,26 +212,19 @@ class _Components(DeclaredClasses):
         left = [size for size, one in zip(sizes, inside, strict=True) if one == ":"]
         if any(":" in one and one != ":" for one in inside):
             return text, None, behind
-        subscripts = ", ".join(_INDEX if one == ":" else one for one in inside)
+        subscripts = ", ".join(INDEX if one == ":" else one for one in inside)
         return f"{text}[{subscripts}]", left, close + 1
 
-    def _is_built_in(self, one: DeclaredClass, part: ClassPart) -> bool:
-        """Whether an element is of a built-in type, or one whose class is not known."""
-        return self._type_of(one, part) is None
-
-    def _type_of(self, one: DeclaredClass, part: ClassPart) -> DeclaredClass | None:
-        return self._resolved(path_of(one.tokens, *part.path), one.name, {}) if part.path[1] else None
-
     def _sizes_of(
-        self, one: DeclaredClass, places: Iterable[int], built_in: bool
+        self, one: DeclaredClass, places: Iterable[int], of_components: bool
     ) -> Iterator[tuple[int, int, str]]:
-        """Sizes of arrays, written out; `built_in`: those of arrays of components alone."""
+        """Sizes of arrays, written out; of arrays of components alone, or of all."""
         tokens = one.tokens
         for at in places:
             words = [token.text for token in tokens[at : at + 6]]
             if [*words[:2], *words[3::2]] != ["size", "(", ",", ")"] or not words[4].isdigit():
                 continue
-            sizes = self._sizes(one, words[2], built_in)
+            sizes = self._sizes(self.own_component(one, words[2]), of_components)
             number = int(words[4])
             if 0 < number <= len(sizes) and sizes[number - 1] != ":":
                 yield tokens[at].start, text_end(tokens[at + 5]), f"({sizes[number - 1]})"
@@ -248,20 +239,15 @@ class _Components(DeclaredClasses):
             ends = [place for place in range(at + 1, close) if tokens[place].text == "end"]
             if not ends or any(tokens[place].text == "[" for place in range(at + 1, close)):
                 continue
-            sizes = self._sizes(one, tokens[at - 1].text, True)
+            sizes = self._sizes(self.own_component(one, tokens[at - 1].text), True)
             for place in ends if len(sizes) == 1 else ():
                 yield tokens[place].start, text_end(tokens[place]), f"({sizes[0]})"
 
-    def _sizes(self, one: DeclaredClass, name: str, built_in: bool) -> list[str]:
-        """The sizes of an element of a class, as text; `built_in`: those of arrays of components alone."""
-        found = self._declared(one, name)
-        if found is None or found[1].kind != "components":
-            return []
-        owner, part = found
-        if built_in and self._is_built_in(owner, part):
+    def _sizes(self, found: Component | None, of_components: bool) -> list[str]:
+        """The sizes of an element of a class, as text; none where only arrays of components are wanted."""
+        if found is None or (of_components and self.kind_of(*found[:2])[1] is None):
             return []  # the compiler knows it
-        place = next(at for at, _ in part.names if owner.tokens[at].text == name)
-        return [words_of(owner.tokens[slice(*size)]) for size in dimensions(owner, part, place)]
+        return sizes_of(found)
 
 
 def _range(tokens: Sequence[Token], first: int, end: int) -> list[str]:
@@ -282,7 +268,7 @@ def _differ(one: str, other: str) -> bool:
 
 def _element_of(bounds: Sequence[str]) -> str:
     """One element of a range."""
-    return f"({bounds[0]} + ({bounds[1] if len(bounds) == 3 else '1'})*({_INDEX} - 1))"
+    return f"({bounds[0]} + ({bounds[1] if len(bounds) == 3 else '1'})*({INDEX} - 1))"
 
 
 def _matrix(tokens: Sequence[Token]) -> str:
@@ -294,21 +280,3 @@ def _matrix(tokens: Sequence[Token]) -> str:
         return ""
     rows = words_of(inside).split(";")
     return f"{{{', '.join(f'{{{row.strip()}}}' for row in rows)}}}"
-
-
-def dimensions(one: DeclaredClass, part: ClassPart, at: int) -> list[tuple[int, int]]:
-    """First token of each size of a component whose name is at `at`, and the one behind it."""
-    found = []
-    for opening in (at + 1, part.path[1]):
-        if one.tokens[opening].text != "[":
-            continue
-        end, begin = closing(one.tokens, opening), opening + 1
-        place = begin
-        while place <= end:
-            if place == end or one.tokens[place].text == ",":
-                found.append((begin, place))
-                begin = place + 1
-            elif one.tokens[place].text in ("(", "[", "{"):
-                place = closing(one.tokens, place)
-            place += 1
-    return found

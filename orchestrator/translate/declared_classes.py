@@ -367,5 +367,23 @@ def own_tokens(one: DeclaredClass) -> Iterator[int]:
         at += 1
 
 
+def dimensions(one: DeclaredClass, part: ClassPart, at: int) -> list[tuple[int, int]]:
+    """First token of each size of a component whose name is at `at`, and the one behind it."""
+    found = []
+    for opening in (at + 1, part.path[1]):
+        if one.tokens[opening].text != "[":
+            continue
+        end, begin = closing(one.tokens, opening), opening + 1
+        place = begin
+        while place <= end:
+            if place == end or one.tokens[place].text == ",":
+                found.append((begin, place))
+                begin = place + 1
+            elif one.tokens[place].text in ("(", "[", "{"):
+                place = closing(one.tokens, place)
+            place += 1
+    return found
+
+
 def _is_package(folder: Path) -> bool:
     return (folder / "package.mo").is_file()

@@ -180,28 +180,22 @@ def _head(program: Program, identifier: str, token_name: str, token: str, versio
     return ET.Element("fmiModelDescription", attributes)
 
 
-def _preamble(root: ET.Element, program: Program, units: UnitTable) -> None:
-    """What stands between the interface and the variables."""
-    definitions = units.element()
-    if definitions is not None:
+def add_preamble(root: ET.Element, units: UnitTable, experiment: Mapping[str, float]) -> None:
+    """What stands between the interface and the variables.
+
+    Args:
+        experiment: numbers of the model's annotation by their names in Modelica.
+    """
+    if (definitions := units.element()) is not None:
         root.append(definitions)
     categories = ET.SubElement(root, "LogCategories")
     for name, text in LOG_CATEGORIES.items():
         ET.SubElement(categories, "Category", name=name, description=text)
-    _experiment(root, program)
-
-
-def _experiment(root: ET.Element, program: Program) -> None:
-    values = program.model.symbols.flat.experiment
     names = {
-        "startTime": "StartTime",
-        "stopTime": "StopTime",
-        "tolerance": "Tolerance",
-        "stepSize": "Interval",
-    }
-    attributes = {name: repr(values[key]) for name, key in names.items() if key in values}
-    if attributes:
-        ET.SubElement(root, "DefaultExperiment", attributes)
+        "startTime": "StartTime", "stopTime": "StopTime", "tolerance": "Tolerance", "stepSize": "Interval",
+    }  # fmt: skip
+    if found := {name: repr(experiment[key]) for name, key in names.items() if key in experiment}:
+        ET.SubElement(root, "DefaultExperiment", found)
 
 
 def _fmi2(
@@ -231,7 +225,7 @@ def _fmi2(
     files = ET.SubElement(simulation, "SourceFiles")
     for name in source_files:
         ET.SubElement(files, "File", name=name)
-    _preamble(root, program, units)
+    add_preamble(root, units, program.model.symbols.flat.experiment)
     variables = ET.SubElement(root, "ModelVariables")
     position = {entry.name: number + 1 for number, entry in enumerate(table)}
     for number, (entry, port) in enumerate(zip(table, ports, strict=True)):
@@ -275,7 +269,7 @@ def _fmi3(
         canHandleVariableCommunicationStepSize="true",
         maxOutputDerivativeOrder="0",
     )
-    _preamble(root, program, units)
+    add_preamble(root, units, program.model.symbols.flat.experiment)
     variables = ET.SubElement(root, "ModelVariables")
     position = {entry.name: number for number, entry in enumerate(table)}
     element_names = {Type.REAL: "Float64", Type.INTEGER: "Int32", Type.BOOLEAN: "Boolean"}

@@ -127,10 +127,7 @@ def generate_c(program: Program, identifier: str) -> str:
         program.assertions,
         program.tangent,
     ]
-    generator = ca.CodeGenerator("equations", {"with_export": False, "with_header": False})
-    for function in functions:
-        generator.add(function)
-    equations = trimmed(generator.dump(), [function.name() for function in functions])
+    equations = equations_in_c(functions)
     table = variable_table(program)
     flat = program.model.symbols.flat
     strict = [str(int(relation.strict)) for relation in program.model.relations] or ["0"]
@@ -263,13 +260,17 @@ def _message(assertion: Assertion) -> str:
     return f"{assertion.message} ({PurePosixPath(assertion.location.file).name}:{assertion.location.line})"
 
 
-def trimmed(text: str, names: list[str]) -> str:
+def equations_in_c(functions: Sequence[ca.Function]) -> str:
     """CasADi's C without what only states at run time how it is called, and with local names."""
+    generator = ca.CodeGenerator("equations", {"with_export": False, "with_header": False})
+    for function in functions:
+        generator.add(function)
+    text = generator.dump()
     text = text[text.index("#include <math.h>") :]
     text = re.sub(
         r"/\* Configuration this file.*?(?=static const casadi_int|/\* \w+:)", "", text, flags=re.DOTALL
     )
-    for name in names:
+    for name in (function.name() for function in functions):
         # From the first of a function's helpers up to the next function's comment or the end.
         text = re.sub(
             rf"^int {name}_checkout\(void\).*?(?=^/\* \w+:|\Z)", "", text, flags=re.DOTALL | re.MULTILINE

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from .built_in import BUILT_IN
-from .component_arrays import dimensions
 from .declared_classes import DeclaredClass
 from .lexer import closing
 from .operator_calls import OperatorCalls
 from .operator_values import INDEX, SUM, NotRead, Value, over_elements
 from .source_edits import words_of
+from .typed_classes import sizes_of
 
 _COUNTED = re.compile(r"for (\w+) in 1 : ([^,]+)")
 _LEVELS = (
@@ -277,10 +277,9 @@ class Expressions(OperatorCalls):
                 if found is None:
                     return unknown
             assert found is not None
-            owner, part, at = found
+            owner, part, _ = found
             record, (kind, cls) = kind, self.known.kind_of(owner, part)
-            places = dimensions(owner, part, at)
-            own = [self._size(owner, words_of(owner.tokens[a:b]), whole) for a, b in places]
+            own = [self._size(owner, size, whole) for size in sizes_of(found)]
             before = f"{whole}.{name}" if whole else name
             own = [f"size({before}, {n})" if size == ":" else size for n, size in enumerate(own, 1)]
             sliced |= record.startswith(".") and bool(sizes)

@@ -14,14 +14,13 @@ from pathlib import Path
 from orchestrator.base.errors import BuildError
 
 from .classes import find_classes, used_classes
-from .component_arrays import dimensions
-from .declared_classes import KINDS, DeclaredClass, own_tokens
+from .declared_classes import KINDS, DeclaredClass, dimensions, own_tokens
 from .lexer import closing
 from .modifiers import arguments
 from .operator_expressions import Expressions
 from .operator_values import INDEX, MAKER, SUM, NotRead, Value, getter
 from .source_edits import edited, path_end, path_of, statement_end, text_end, words_of
-from .typed_classes import BUILT_IN, TypedClasses, binding, is_overloading
+from .typed_classes import BUILT_IN, TypedClasses, binding, is_overloading, sizes_of
 
 _RECORD = re.compile(r"\boperator\s+record\b")
 _ENDS = frozenset((";", ",", ")", "then", "loop", "annotation", "if", "constrainedby"))
@@ -108,7 +107,7 @@ class _Overloaded(TypedClasses):
         for name, (owner, part, at) in self.components(one).items():
             kind, _ = self.kind_of(owner, part)
             if kind in BUILT_IN:
-                sizes = "".join(f"[{words_of(owner.tokens[a:b])}]" for a, b in dimensions(owner, part, at))
+                sizes = "".join(f"[{size}]" for size in sizes_of((owner, part, at)))
                 members.append((name, kind, sizes))
                 made.append(
                     f"encapsulated function {getter(name)} import {one.name}; input {own} record_; "

@@ -9,7 +9,7 @@ import casadi as ca
 from orchestrator.base.errors import BuildError
 
 from .component import ComponentProgram, StepVariable
-from .generate import trimmed, work_array
+from .generate import equations_in_c, work_array
 from .package import TOKEN_MARK, c_string
 
 _KINDS = {"float": "NUMBER_FLOAT", "int": "NUMBER_INT", "bool": "NUMBER_BOOL"}
@@ -27,10 +27,7 @@ def generate_step_c(program: ComponentProgram) -> str:
         program.tangent,
         program.arguments,
     ]
-    generator = ca.CodeGenerator("equations", {"with_export": False, "with_header": False})
-    for function in functions:
-        generator.add(function)
-    equations = trimmed(generator.dump(), [function.name() for function in functions])
+    equations = equations_in_c(functions)
     counts = [len(program.of_kind(kind)) for kind in ("STATE", "INPUT", "PARAMETER", "ALGEBRAIC")]
     info = ", ".join(map(str, (len(program.variables) + 1, *counts, 0, 0, 0)))
     lines = "\n".join(f"    {_entry(program, variable)}," for variable in program.variables)

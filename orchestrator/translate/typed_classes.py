@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from .component_arrays import dimensions
-from .declared_classes import ClassPart, DeclaredClass, DeclaredClasses
+from .declared_classes import ClassPart, DeclaredClass, DeclaredClasses, dimensions
 from .lexer import closing
 from .source_edits import path_of, words_of
 
@@ -143,7 +142,7 @@ class TypedClasses(DeclaredClasses):
         inputs, output = [], ("", tuple[str, ...]())
         for name, (owner, part, at) in self.components(one).items():
             kind = self.kind_of(owner, part)[0]
-            sizes = tuple(words_of(owner.tokens[a:b]) for a, b in dimensions(owner, part, at))
+            sizes = tuple(sizes_of((owner, part, at)))
             if "input" in part.prefixes:
                 optional = binding(owner, part, at) >= 0
                 inputs.append(Input(name, kind, len(sizes), optional))
@@ -155,6 +154,12 @@ class TypedClasses(DeclaredClasses):
         """The functions that make sums of a record: its zero and its addition; none where it has none."""
         zero, plus = (self.operators(f".{record}", name) for name in "0+")
         return [*zero, *plus] if len(zero) == len(plus) == 1 else []
+
+
+def sizes_of(component: Component) -> list[str]:
+    """The sizes of an array as they are written; none of what is no array."""
+    one, part, at = component
+    return [words_of(one.tokens[first:end]) for first, end in dimensions(one, part, at)]
 
 
 def is_overloading(one: DeclaredClass) -> bool:

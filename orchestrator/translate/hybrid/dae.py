@@ -21,7 +21,7 @@ from . import expression as ex
 from .class_bodies import MARK
 from .expression import Expr
 from .form import Json, refused
-from .functions import CONSTANTS, Source, named_constant
+from .functions import CONSTANTS, Source, function_near, named_constant
 from .hidden_sections import Section
 from .model import Action, Branch, Condition, DaeModel, Discrete, Scalar
 from .sections import Run, hidden_section, set_by_events
@@ -458,12 +458,7 @@ class _Reader(Values):
 
     def function_near(self, name: str, scope: str) -> FunctionSource | None:
         """A function as a class names it."""
-        while True:
-            if found := self._functions(f"{scope}.{name}" if scope else name):
-                return found
-            if not scope:
-                return None
-            scope = scope.rpartition(".")[0]
+        return function_near(self._functions, name, scope)
 
     def constant(self, name: str, section: Section) -> float | None:
         """The value of a constant of the library, or of a member of an enumeration, which a name means."""

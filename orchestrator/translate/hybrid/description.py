@@ -6,8 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
 
 from ..declared_units import derivative_unit, used_units
-from ..description import written
-from ..package import LOG_CATEGORIES
+from ..description import add_preamble, written
 from .code import Layout, Port, margins_of
 
 _FMI2 = {"real": "Real", "boolean": "Boolean"}
@@ -67,19 +66,7 @@ def describe_hybrid(
             for name in sorted(source_files):
                 ET.SubElement(files, "File", name=name)
     units = used_units((_unit(one), "", one.name) for one in layout.ports)
-    if (definitions := units.element()) is not None:
-        root.append(definitions)
-    categories = ET.SubElement(root, "LogCategories")
-    for name, text in LOG_CATEGORIES.items():
-        ET.SubElement(categories, "Category", name=name, description=text)
-    names = {
-        "startTime": "StartTime",
-        "stopTime": "StopTime",
-        "tolerance": "Tolerance",
-        "stepSize": "Interval",
-    }
-    if found := {name: repr(experiment[key]) for name, key in names.items() if key in experiment}:
-        ET.SubElement(root, "DefaultExperiment", found)
+    add_preamble(root, units, experiment)
     variables = ET.SubElement(root, "ModelVariables")
     places = {
         port.scalar.name: number

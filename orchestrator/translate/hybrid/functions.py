@@ -371,7 +371,7 @@ class _Writer:
             if axis is None:
                 raise self._error("size() of an axis that is not known beforehand")
             return [_as_value(str(shape[int(axis) - 1]))]
-        source = None if name in _BUILT_IN else self._resolved(name)
+        source = None if name in _BUILT_IN else function_near(self._known, name, self._name)
         if source is None:
             arguments = [self._value(one, end) for one in node[2]]
             written = _BUILT_IN.get(short if short in FUNCTIONS else name)  # as Modelica.Math.sin
@@ -403,14 +403,15 @@ class _Writer:
             place += count
         return found
 
-    def _resolved(self, name: str) -> FunctionSource | None:
-        scope = self._name
-        while True:
-            if found := self._known(f"{scope}.{name}" if scope else name):
-                return found
-            if not scope:
-                return None
-            scope = scope.rpartition(".")[0]
+
+def function_near(known: Source, name: str, scope: str) -> FunctionSource | None:
+    """A function as a class names it, whose qualified name is `scope`."""
+    while True:
+        if found := known(f"{scope}.{name}" if scope else name):
+            return found
+        if not scope:
+            return None
+        scope = scope.rpartition(".")[0]
 
 
 def _as_value(text: str) -> Value:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from ..lexer import CLOSING, OPENING, Token, closing, tokenise
+from ..modifiers import arguments
 from ..source_edits import edited, on_one_line, outermost, path_end, statement_end, text_end
 
 _MOST_VALUES = 1000
@@ -320,16 +321,8 @@ def _real_range(parts: Sequence[str]) -> list[str] | None:
 
 def _elements(over: Sequence[Token]) -> list[str]:
     """The elements between the braces around them."""
-    found: list[list[str]] = [[]]
-    depth = 0
-    for token in over[1:-1]:
-        depth += (token.text in OPENING) - (token.text in CLOSING)
-        if token.text == "," and not depth:
-            found.append([])
-        else:
-            found[-1].append(token.text)
-    joined = ["".join(one) if one[1:2] == ["."] else " ".join(one) for one in found]
-    return [one for one in joined if one]
+    texts = ([token.text for token in over[first : last + 1]] for first, last in arguments(over, 0))
+    return ["".join(one) if one[1:2] == ["."] else " ".join(one) for one in texts]
 
 
 def _hides(tokens: Sequence[Token], inside: tuple[int, int], name: str) -> bool:

@@ -171,22 +171,13 @@ class Parser:
         match self._peek():
             case "if":
                 return self._if()
-            case "for":
-                first = self._at
-                self._at += 1
-                iterators = self._iterators()
+            case "for" | "while":
+                first, word = self._at, self._take()
+                over = self._iterators() if word == "for" else self.expression()
                 self._take("loop")
                 body = self._statements()
-                self._closed("for")
-                return ("for", iterators, body, (first, self._at))
-            case "while":
-                first = self._at
-                self._at += 1
-                condition = self.expression()
-                self._take("loop")
-                body = self._statements()
-                self._closed("while")
-                return ("while", condition, body, (first, self._at))
+                self._closed(word)
+                return (word, over, body, (first, self._at))
             case "when":
                 return self._when()
             case "break" | "return":
