@@ -17,10 +17,11 @@ from ..package import FmiVersion, hybrid_sources, source_members
 from ..presentation import dress, sources_of
 from ..sizes import refuse_other_sizes
 from ..sources import SourceTree
-from .code import generate_hybrid_c, layout_of
+from .code import generate_hybrid_c
 from .dae import read_dae
 from .description import describe_hybrid
 from .front_end import FunctionTexts, dae_form
+from .layout import layout_of
 from .model import DaeModel
 from .structure import System, solve_order, unbalanced
 

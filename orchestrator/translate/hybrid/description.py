@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from ..declared_units import derivative_unit, used_units
 from ..description import add_preamble, written
-from .code import Layout, Port, margins_of
+from .layout import Layout, Port, margins_of
 
 _FMI2 = {"real": "Real", "boolean": "Boolean"}
 _FMI3 = {"real": "Float64", "boolean": "Boolean"}
