@@ -12,6 +12,13 @@ What a Modelica model of the explicit route may hold:
 
 Everything else takes the route of `hybrid`, or is refused with a message that names file, line and column.
 
+The way of a Modelica model: `sources` reads its files, `rewriting` changes what the compiler refuses or
+mistakes, `flatten` and `reader` make one flat model (`flat`). `symbolic` and `causalise` solve it,
+`selfcheck` checks that, `generate` and `description` write what `package` compiles and packs.
+
+The way of a Python model: `python_fmu` packs it as it is; for a native FMU, `component` runs it with numbers
+that remember how they were computed (`traced`), `step_code` and `step_description` write it.
+
 `build.build` makes an FMU, `check.check_model` lists a model's faults, `show.show_model` prints what
 became of it; `library` rebuilds the shipped FMUs.
 

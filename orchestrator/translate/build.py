@@ -27,8 +27,8 @@ from .package import (
     source_members,
     write_fmu,
 )
+from .rewriting.specialised import specialised
 from .sources import DELAY, Location, SourceTree, library_texts, load_sources
-from .specialised import specialised
 
 if TYPE_CHECKING:
     from .program import Program
@@ -163,7 +163,8 @@ def _translated(
 ) -> tuple[dict[str, bytes], TranslationReport]:
     from .audit import experiment
     from .hybrid.build import counted, translate_hybrid
-    from .hybrid.front_end import adapts, libraries_used, library_paths
+    from .hybrid.front_end import libraries_used, library_paths
+    from .rewriting.copies import adapts
     from .stiffness import explicit_steps
 
     name = tree.model_name(model)
@@ -209,7 +210,7 @@ def other_route(refusal: BuildError, differs: bool) -> bool:
     Args:
         differs: whether the compiler reads something else there: libraries, or sources adapted for it.
     """
-    from .hybrid.front_end import needed_rewrites
+    from .rewriting.copies import needed_rewrites
 
     if isinstance(refusal, CompilerRefusal):
         return differs or bool(needed_rewrites(str(refusal)))
@@ -225,8 +226,8 @@ def in_file(tree: SourceTree, error: BuildError) -> str:
 
 def explicit_program(tree: SourceTree, name: str) -> tuple[Program, CheckReport]:
     """A model of explicit differential equations, solved, and the check of that. Raises: BuildError."""
-    from .hybrid.adapted import has_dotted_modifiers
     from .reader import read_model
+    from .rewriting.adapted import has_dotted_modifiers
 
     for file, text in tree.texts.items():
         if has_dotted_modifiers(text, tree.shown(file)):

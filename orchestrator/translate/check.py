@@ -193,8 +193,9 @@ class _Checker:
         from .complaints import UNBALANCED, CompilerRefusal
         from .flat_units import unit_faults
         from .hybrid.build import counted, read, understood
-        from .hybrid.front_end import adapts, flat_form, library_paths, needed_rewrites
+        from .hybrid.front_end import flat_form, library_paths
         from .hybrid.structure import solve_order
+        from .rewriting.copies import adapts, needed_rewrites
 
         folders = library_paths(self._libraries)
         name = self._name

@@ -9,9 +9,9 @@ from itertools import product
 from typing import Any
 
 from .flatten import Json
-from .hybrid.hidden_sections import Section
 from .hybrid.sections import hidden_section
 from .lexer import tokenise
+from .rewriting.hidden_sections import Section
 from .sources import DELAY, Spans
 
 _SIGNS = {

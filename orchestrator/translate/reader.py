@@ -11,7 +11,6 @@ import numpy as np
 from orchestrator.base.errors import BuildError
 
 from .audit import audit_flattened, audit_sources, experiment
-from .component_arrays import refuse_single_components
 from .declarations import (
     declared_integers,
     declared_shapes,
@@ -33,6 +32,7 @@ from .flat import (
     walk,
 )
 from .flatten import RUMOCA_VERSION, flatten
+from .rewriting.component_arrays import refuse_single_components
 from .sizes import refuse_other_sizes
 from .sources import Location, SourceTree
 from .unit_arrays import keep_unit_arrays

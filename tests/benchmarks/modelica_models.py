@@ -82,10 +82,11 @@ def tried(path: Path, libraries: list[Path], references: Path | None) -> None:
     from orchestrator.translate.audit import experiment
     from orchestrator.translate.build import compiled, model_identifier
     from orchestrator.translate.hybrid import build as hybrid
-    from orchestrator.translate.hybrid.front_end import dae_form, needed_rewrites, prepared
+    from orchestrator.translate.hybrid.front_end import dae_form
     from orchestrator.translate.package import this_platform, write_fmu
+    from orchestrator.translate.rewriting.copies import needed_rewrites, prepared
+    from orchestrator.translate.rewriting.specialised import specialised
     from orchestrator.translate.sources import load_sources
-    from orchestrator.translate.specialised import specialised
 
     tree = specialised(load_sources(path), "", libraries)
     with ExitStack() as stack:

@@ -11,13 +11,13 @@ import numpy as np
 
 from orchestrator.base.errors import BuildError
 
+from ..rewriting.class_bodies import MARK
+from ..rewriting.external_functions import CALL
 from ..sources import DELAY
 from . import expression as ex
 from .arrays import each
-from .class_bodies import MARK
 from .expression import Expr
 from .external import external_call
-from .external_functions import CALL
 from .form import Form, Json, refused
 from .functions import call
 from .model import Delay

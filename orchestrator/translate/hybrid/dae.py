@@ -16,13 +16,13 @@ import numpy as np
 from orchestrator.base.errors import BuildError
 
 from ..faults import placed
+from ..rewriting.class_bodies import MARK
+from ..rewriting.hidden_sections import Section
 from ..sources import Location, Spans
 from . import expression as ex
-from .class_bodies import MARK
 from .expression import Expr
 from .form import Json, refused
 from .functions import CONSTANTS, Source, function_near, named_constant
-from .hidden_sections import Section
 from .model import Action, Branch, Condition, DaeModel, Discrete, Scalar
 from .sections import Run, hidden_section, set_by_events
 from .statements import FunctionSource

@@ -12,11 +12,11 @@ import numpy as np
 
 from orchestrator.base.errors import BuildError
 
+from ..rewriting.hidden_sections import Sections
 from ..sources import Location, Spans
 from . import expression as ex
 from .expression import Expr
 from .functions import Source
-from .hidden_sections import Sections
 from .model import Action, Condition, Delay, Scalar
 from .tables import Table
 

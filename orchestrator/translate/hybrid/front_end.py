@@ -2,34 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
 import os
 import re
-import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from orchestrator.base.digests import digest_of, file_digest
 from orchestrator.base.errors import BuildError
-from orchestrator.base.temporary_folders import cache_folder, keep_last_used
 
 from ..compiler import TIME_LIMIT, compile_model
 from ..complaints import CompilerRefusal, explained
-from ..component_arrays import refuse_single_components, with_component_arrays
 from ..flatten import called_partial, flatten, message_of, syntax_faults
 from ..lexer import tokenise
-from ..redeclared import refuse_repeated_redeclarations
-from ..sources import SourceTree, Spans, library_texts
-from ..specialised import specialised, specialised_library
-from .adapted import ANY, ANY_MODEL, adapted
-from .buses import refuse_unknown_members, types_of_members, with_members
-from .class_bodies import class_texts
-from .external_objects import Objects, external_objects
-from .hidden_sections import Section, Sections
-from .iterators import with_plain_iterators
+from ..rewriting.buses import refuse_unknown_members
+from ..rewriting.class_bodies import class_texts
+from ..rewriting.component_arrays import refuse_single_components
+from ..rewriting.copies import adapts, needed_rewrites, prepared
+from ..rewriting.hidden_sections import Sections
+from ..rewriting.redeclared import refuse_repeated_redeclarations
+from ..rewriting.specialised import specialised
+from ..sources import SourceTree, Spans
 from .statements import FunctionSource
 
 
@@ -101,16 +94,7 @@ def flat_form(
 # The compiler's last answers: a check asks for several forms of one model.
 _answers: dict[tuple[object, ...], tuple[dict[str, Any], Spans]] = {}
 _MOST_ANSWERS = 4
-# Modules that rewrite libraries: a copy is of their version.
-_REWRITERS = (
-    "built_in component_arrays declared_classes modifiers operator_calls operator_expressions "
-    "operator_values overloaded source_edits specialised typed_classes whole_paths hybrid/adapted "
-    "hybrid/class_bodies hybrid/external_functions hybrid/external_objects hybrid/hidden_sections "
-    "hybrid/reductions"
-).split()
-_MOST_COPIES = 4  # of libraries, each of some 26 MB
 _TRANSACTIONS = "model_event_transactions"  # algorithms whose statements depend on each other at an event
-_SECTIONS = "sections.json"  # of the copy of a library
 
 
 def _forms(
@@ -182,133 +166,6 @@ def libraries_used(tree: SourceTree, libraries: Sequence[Path]) -> list[Path]:
     return found
 
 
-def needed_rewrites(refusal: str) -> frozenset[str]:
-    """What `prepared` has to rewrite for a model that the compiler refuses."""
-    needed = set()
-    if re.search(r"owner `function (statement|return|loop)|missing function value", refusal):
-        needed.add("functions")
-    if loop := re.search(r"owner `function loop domain`: `([\w.]+)`", refusal):
-        needed |= {"functions", f"function {loop[1]}"}  # limits of an inner loop depend on the outer one
-    if re.search(r"unsupported (model|initial) algorithm|(for|while|if|when)-statement", refusal):
-        needed.add("sections")
-    if re.search(
-        r"is not a discrete coordinate|reinit\(\) can only be applied to state variables: \S*\[", refusal
-    ):
-        needed |= {"sections", "whens"}  # a when-equation that sets elements of an array
-    return frozenset((*needed, *types_of_members(refusal)))
-
-
-def prepared(
-    tree: SourceTree,
-    folder: Path,
-    libraries: Sequence[Path],
-    rewritten: frozenset[str] = frozenset(),
-    sections: Sections | None = None,
-) -> tuple[list[Path], frozenset[str]]:
-    """Rewrite the copy of a model's sources as the compiler takes them.
-
-    Args:
-        rewritten: "functions" where those with while, break or return become external, "function NAME"
-            where this one does, whatever it holds, "sections" where the compiler is to see no algorithm
-            section, "whens" where when-equations count as such; what `types_of_members` found.
-        sections: gets those that it does not see.
-    Returns: the folders of libraries as it takes them; files of the model that differ from before.
-    """
-    roots, objects = [], {}
-    functions: frozenset[str] | None = None
-    if "functions" in rewritten:
-        functions = frozenset(re.findall(r"^function (.+)$", "\n".join(sorted(rewritten)), re.MULTILINE))
-    if sections is None or "sections" not in rewritten:
-        sections = None
-    for library in libraries:
-        root, found = _adapted_library(library, functions, sections)
-        roots.append(root)
-        objects |= found
-    before = {path: path.read_bytes() for path in folder.rglob("*.mo")}
-    if libraries:
-        modernised(folder)
-    texts = {path: path.read_bytes().decode() for path in before}
-    named = {path.relative_to(folder).as_posix(): text for path, text in texts.items()}
-    named |= with_members(named, rewritten)
-    for rewrite in (with_plain_iterators, with_component_arrays, with_plain_iterators):
-        named |= rewrite(named)
-    texts = {folder / path: text for path, text in named.items()}
-    objects |= external_objects(texts.values())
-    common, models = _of_all(tree)
-    for path, text in texts.items():
-        whens = "whens" in rewritten
-        new = adapted(text, path.name, objects, common, models, functions, sections, whens).encode()
-        if new != before[path]:
-            path.write_bytes(new)
-    if common:
-        (folder / f"{ANY}.mo").write_text(ANY_MODEL)
-    changed = [path for path, content in before.items() if path.read_bytes() != content]
-    return roots, frozenset(path.relative_to(folder).as_posix() for path in changed)
-
-
-def adapts(tree: SourceTree) -> bool:
-    """Whether the compiler does not see a model's sources as they are."""
-    if any(one(tree.texts) for one in (with_members, with_plain_iterators, with_component_arrays)):
-        return True
-    if specialised(tree).texts != tree.texts:
-        return True
-    objects = external_objects(tree.texts.values())
-    common, models = _of_all(tree)
-    return any(adapted(text, file, objects, common, models) != text for file, text in tree.texts.items())
-
-
-def _of_all(tree: SourceTree) -> tuple[bool, frozenset[str]]:
-    """Whether anything is redeclared, and the names of all models."""
-    common = any("redeclare" in text for text in tree.texts.values())
-    return common, frozenset(one.name for one in tree.classes.values() if one.kind in ("model", "block"))
-
-
-def _adapted_library(
-    library: Path, functions: frozenset[str] | None, sections: Sections | None
-) -> tuple[Path, Objects]:
-    """A library's folder as the compiler takes it, and its external objects; adds to `sections`.
-
-    The compiler reads a folder that it knows several times as fast, so that copies are kept.
-    """
-    paths = sorted(library.rglob("*.mo"))
-    stats = [(str(one.relative_to(library)), one.stat()) for one in paths]
-    state = [(name, stat.st_size, stat.st_mtime_ns) for name, stat in stats]
-    kept = cache_folder("libraries") / digest_of(
-        json.dumps(
-            [
-                [file_digest(Path(__file__).parents[1] / f"{one}.py") for one in _REWRITERS],
-                str(library.resolve()),
-                functions if functions is None else sorted(functions),
-                sections is not None,
-                state,
-            ]
-        ).encode()
-    )
-    kept.parent.mkdir(parents=True, exist_ok=True)
-    texts, _ = library_texts(library)
-    objects = external_objects(texts.values())
-    if not kept.is_dir():
-        found: Sections | None = None if sections is None else {}
-        texts = specialised_library(texts, f"{library.as_posix()}/", library)
-        with tempfile.TemporaryDirectory(dir=kept.parent) as scratch:
-            for path, text in texts.items():
-                target = Path(scratch) / "root" / path
-                target.parent.mkdir(parents=True, exist_ok=True)
-                new = adapted(text, str(library / path), objects, functions=functions, sections=found)
-                target.write_bytes(new.encode())
-            kept_sections = {key: asdict(one) for key, one in (found or {}).items()}
-            (Path(scratch) / "root" / _SECTIONS).write_text(json.dumps(kept_sections))
-            with contextlib.suppress(OSError):  # another process was first
-                (Path(scratch) / "root").rename(kept)
-    with contextlib.suppress(OSError):
-        os.utime(kept)
-    keep_last_used(kept.parent, _MOST_COPIES)
-    if sections is not None:
-        kept_sections = json.loads((kept / _SECTIONS).read_text())
-        sections.update({key: Section(**one) for key, one in kept_sections.items()})
-    return kept, objects
-
-
 class FunctionTexts:
     """The text of functions by their qualified names, in a model's sources and in libraries."""
 
@@ -371,22 +228,6 @@ class FunctionTexts:
         if file not in self._found:
             self._found[file] = class_texts(text, file, "function")
         return self._found[file]
-
-
-def modernised(folder: Path) -> None:
-    """Name the units and frequencies of version 3 of the Modelica Standard Library as version 4 does.
-
-    As its own conversion script ConvertModelica_from_3.2.3_to_4.0.0 does.
-    """
-    for path in folder.rglob("*.mo"):
-        text = path.read_text()
-        if re.search(r"\bfreqHz\s*=", text) and not re.search(r"\w\s+freqHz\b", text):
-            text = re.sub(r"\bfreqHz(\s*=)", r"f\1", text)
-            path.write_text(text)
-        if "Modelica.SIunits" in text:
-            text = re.sub(r"\bimport\s+Modelica\.SIunits\s*;", "import SIunits = Modelica.Units.SI;", text)
-            text = text.replace("Modelica.SIunits.Conversions", "Modelica.Units.Conversions")
-            path.write_text(text.replace("Modelica.SIunits", "Modelica.Units.SI"))
 
 
 def _of_user(text: str, copies: Sequence[Path], libraries: Sequence[Path]) -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from ..rewriting.class_bodies import MARK
 from . import expression as ex
-from .class_bodies import MARK
 from .expression import Expr
 from .model import Action, Scalar
 from .structure import System

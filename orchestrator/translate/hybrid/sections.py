@@ -18,13 +18,13 @@ from orchestrator.base.digests import digest_of
 from orchestrator.base.errors import BuildError
 
 from ..built_in import FUNCTIONS, STEPS
+from ..rewriting.class_bodies import MARK
+from ..rewriting.hidden_sections import Section
 from ..sources import Location
 from . import expression as ex
 from .arrays import OPERATORS, REDUCTIONS, each, product, stacked
-from .class_bodies import MARK
 from .expression import Expr
 from .functions import call
-from .hidden_sections import Section
 from .statements import FunctionSource, Node, Parser
 
 _RELATIONS = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "<>": "ne"}

@@ -9,7 +9,7 @@ from typing import Any
 from orchestrator.base.errors import BuildError
 
 from ..lexer import Token, tokenise
-from .class_bodies import function_body
+from ..rewriting.class_bodies import function_body
 
 Node = tuple[Any, ...]
 

@@ -14,10 +14,10 @@ pytest.importorskip("rumoca", reason="needs the extra build")
 
 from orchestrator.base.errors import BuildError
 from orchestrator.translate.build import build
-from orchestrator.translate.hybrid.adapted import adapted
-from orchestrator.translate.hybrid.external_objects import external_objects
 from orchestrator.translate.hybrid.tables import read_table
 from orchestrator.translate.package import this_platform
+from orchestrator.translate.rewriting.adapted import adapted
+from orchestrator.translate.rewriting.external_objects import external_objects
 from tests.translate.hybrid.test_hybrid_models import bounced, made, run
 
 

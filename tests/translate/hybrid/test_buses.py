@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("rumoca", reason="needs the extra build")
 
 from orchestrator.base.errors import BuildError
-from orchestrator.translate.hybrid.buses import with_members
+from orchestrator.translate.rewriting.buses import with_members
 from tests.translate.hybrid.test_hybrid_models import made, run
 
 PARTS = """

@@ -25,9 +25,10 @@ from orchestrator.translate import compiler
 from orchestrator.translate.build import build
 from orchestrator.translate.compiler import compile_model
 from orchestrator.translate.flatten import flatten
-from orchestrator.translate.hybrid.front_end import dae_form, modernised
+from orchestrator.translate.hybrid.front_end import dae_form
 from orchestrator.translate.hybrid.sparsity import colours_of, factors_of
 from orchestrator.translate.package import this_platform
+from orchestrator.translate.rewriting.copies import modernised
 from orchestrator.translate.sources import load_sources
 
 

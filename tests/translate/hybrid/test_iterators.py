@@ -10,7 +10,7 @@ pytest.importorskip("rumoca", reason="needs the extra build")
 
 from orchestrator.base.errors import BuildError
 from orchestrator.translate.build import build
-from orchestrator.translate.hybrid.iterators import with_plain_iterators
+from orchestrator.translate.rewriting.iterators import with_plain_iterators
 from tests.translate.hybrid.test_hybrid_models import made, run
 
 KIND = "type Kind = enumeration(one, two, three);"

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import partial
 
 from ..lexer import CLOSING, OPENING, Token, closing, tokenise
-from ..modifiers import arguments
-from ..source_edits import edited, on_one_line, outermost, path_end, statement_end, text_end
+from .modifiers import arguments
+from .source_edits import edited, on_one_line, outermost, path_end, statement_end, text_end
 
 _MOST_VALUES = 1000
 _REDUCTIONS = frozenset(("sum", "product", "min", "max", "array"))

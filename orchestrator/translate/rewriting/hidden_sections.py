@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from orchestrator.base.digests import digest_of
 
 from ..lexer import Token, closing
-from ..source_edits import words_of
 from .class_bodies import MARK, ClassBody, Edit, ModelicaFile
+from .source_edits import words_of
 
 _BEGINS = frozenset("equation algorithm initial public protected annotation external".split())
 

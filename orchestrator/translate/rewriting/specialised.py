@@ -18,6 +18,8 @@ from pathlib import Path
 
 from orchestrator.base.errors import BuildError, listed
 
+from ..lexer import Token, closing, tokenise
+from ..sources import SourceTree, line_mark, location
 from .declared_classes import (
     COPIED,
     KINDS,
@@ -28,11 +30,9 @@ from .declared_classes import (
     DeclaredClasses,
     Replacement,
 )
-from .lexer import Token, closing, tokenise
 from .modifiers import Modifiers, arguments, complete, modifiers_of, written
 from .overloaded import overloads, with_calls
 from .source_edits import edited, on_one_line, path_end, path_of, text_end, words_of
-from .sources import SourceTree, line_mark, location
 from .typed_classes import is_overloading
 from .whole_paths import WholePaths
 

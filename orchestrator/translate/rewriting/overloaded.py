@@ -13,9 +13,9 @@ from pathlib import Path
 
 from orchestrator.base.errors import BuildError
 
-from .classes import find_classes, used_classes
+from ..classes import find_classes, used_classes
+from ..lexer import closing
 from .declared_classes import KINDS, DeclaredClass, dimensions, own_tokens
-from .lexer import closing
 from .modifiers import arguments
 from .operator_expressions import Expressions
 from .operator_values import INDEX, MAKER, SUM, NotRead, Value, getter

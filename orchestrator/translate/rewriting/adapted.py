@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 
 from ..lexer import Token, closing
-from ..modifiers import DOTTED, in_brackets
-from ..source_edits import edited, words_of
 from .class_bodies import MARK, Edit, ModelicaFile
 from .external_functions import with_external_functions
 from .external_objects import Objects, with_objects_as_numbers
 from .hidden_sections import Sections, with_whens_as_sections, without_sections
+from .modifiers import DOTTED, in_brackets
 from .reductions import with_reductions_as_equations
+from .source_edits import edited, words_of
 
 ANY = f"{MARK}any"
 ANY_MODEL = f"partial model {ANY}\nend {ANY};\n"

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..lexer import closing
 from .declared_classes import ClassPart, DeclaredClass, DeclaredClasses, dimensions
-from .lexer import closing
 from .source_edits import path_of, words_of
 
 BUILT_IN = frozenset(("Real", "Integer", "Boolean", "String"))

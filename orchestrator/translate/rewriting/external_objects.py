@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from ..lexer import closing
-from ..modifiers import arguments
 from .class_bodies import MARK, Edit, ModelicaFile
+from .modifiers import arguments
 
 Objects = Mapping[str, Sequence[tuple[str, str, str]]]
 """Names of classes of objects -> name, type and dimensions of what their constructors get."""

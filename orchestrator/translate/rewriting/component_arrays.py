@@ -10,14 +10,15 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 
-from ..base.errors import BuildError
-from .built_in import BUILT_IN, FUNCTIONS
+from orchestrator.base.errors import BuildError
+
+from ..built_in import BUILT_IN, FUNCTIONS
+from ..lexer import Token, closing
+from ..sources import SourceTree
 from .declared_classes import DeclaredClass, dimensions, own_tokens
-from .lexer import Token, closing
 from .modifiers import arguments
 from .operator_values import INDEX
 from .source_edits import edited, outermost, path_end, text_end, words_of
-from .sources import SourceTree
 from .typed_classes import Component, TypedClasses, sizes_of
 
 _SIGNS = frozenset(("(", ")", "+", "-", "*", "/", ".*", "./", ".+", ".-"))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from .lexer import Token, closing, tokenise
-from .sources import line_mark
+from ..lexer import Token, closing, tokenise
+from ..sources import line_mark
 
 
 def path_end(tokens: Sequence[Token], at: int) -> int:

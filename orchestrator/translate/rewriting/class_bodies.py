@@ -8,7 +8,7 @@ from functools import cached_property
 
 from ..classes import within_clause
 from ..lexer import Token, closing, tokenise
-from ..source_edits import text_end
+from .source_edits import text_end
 
 MARK = "adapted_"
 """Names that begin with this are made for the compiler; `dae` knows what they stand for."""

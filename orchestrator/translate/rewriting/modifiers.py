@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from .lexer import Token, closing
+from ..lexer import Token, closing
 
 DOTTED = re.compile(r"[(,]\s*(?:(?:each|final)\s+)*\w+(?:\s*\.\s*\w+)+\s*=(?!=)")
 """What stands in every file with such a modifier, unless comments separate it."""

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from .classes import within_clause
-from .lexer import Token, closing, tokenise
+from ..classes import within_clause
+from ..lexer import Token, closing, tokenise
 from .source_edits import path_end, path_of, statement_end
 
 KINDS = frozenset("class model block connector type package function record".split())

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 
 from orchestrator.base.errors import BuildError, listed
 
+from ..lexer import Token
+from ..sources import location
 from .declared_classes import DeclaredClass
-from .lexer import Token
 from .operator_values import MAKER, Value, built_in_operator, fits, getter, over_elements
-from .sources import location
 from .typed_classes import TypedClasses
 
 

@@ -9,9 +9,9 @@ from collections.abc import Iterator, Sequence
 
 from orchestrator.base.errors import BuildError
 
-from .classes import ModelicaClass, used_classes
-from .lexer import CLOSING, OPENING, Token
-from .sources import SourceTree
+from ..classes import ModelicaClass, used_classes
+from ..lexer import CLOSING, OPENING, Token
+from ..sources import SourceTree
 
 _PREFIXES = frozenset(
     "public protected final inner outer replaceable redeclare parameter constant flow stream input output "

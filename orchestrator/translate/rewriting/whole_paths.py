@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
+from ..lexer import closing
 from .declared_classes import PREFIXES, ClassPart, DeclaredClass, DeclaredClasses, own_tokens
-from .lexer import closing
 from .modifiers import arguments
 from .source_edits import edited, path_end, path_of, text_end, words_of
 

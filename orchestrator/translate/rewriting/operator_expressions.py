@@ -6,9 +6,9 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from .built_in import BUILT_IN
+from ..built_in import BUILT_IN
+from ..lexer import closing
 from .declared_classes import DeclaredClass
-from .lexer import closing
 from .operator_calls import OperatorCalls
 from .operator_values import INDEX, SUM, NotRead, Value, over_elements
 from .source_edits import words_of

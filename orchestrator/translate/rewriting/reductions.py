@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 from ..built_in import BUILT_IN, STEPS
 from ..lexer import Token, closing
-from ..source_edits import path_end, statement_end, words_of
 from .class_bodies import ClassBody, Edit, ModelicaFile
+from .source_edits import path_end, statement_end, words_of
 
 # Functions that the compiler takes in what an iterator repeats.
 _TAKEN = frozenset(name for name, one in BUILT_IN.items() if one.value and name not in STEPS) | {"sum"}
