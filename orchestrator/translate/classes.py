@@ -10,7 +10,7 @@ from orchestrator.base.errors import BuildError
 
 from .lexer import Token, closing, tokenise
 
-_CLASS_KEYWORDS = frozenset("class model block connector type package function record operator".split())
+CLASS_KEYWORDS = frozenset("class model block connector type package function record operator".split())
 
 
 @dataclass(eq=False)
@@ -69,7 +69,7 @@ def find_classes(texts: Mapping[str, str], label: str = "") -> dict[str, Modelic
 def _refuse_keywords_as_names(tokens: Sequence[Token], file: str) -> None:
     """A class's kind is followed by the class's name; a variable that is called like it, by a sign."""
     for token, after in pairwise(tokens):
-        if token.kind == "keyword" and token.text in _CLASS_KEYWORDS and after.kind == "sign":
+        if token.kind == "keyword" and token.text in CLASS_KEYWORDS and after.kind == "sign":
             raise BuildError(
                 f"{file}:{token.line}: `{token.text}` is a keyword of Modelica and names nothing; choose "
                 f"another name, as {token.text}_1"
@@ -161,7 +161,7 @@ def _classes_of(file: str, tokens: tuple[Token, ...], label: str) -> Iterator[Mo
                 yield stack.pop()
                 position += 2
                 continue
-        opens = token.kind == "keyword" and token.text in _CLASS_KEYWORDS and not depth
+        opens = token.kind == "keyword" and token.text in CLASS_KEYWORDS and not depth
         if opens and following is not None:
             position += 1
             if following.text == "extends":

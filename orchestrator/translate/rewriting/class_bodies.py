@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from ..classes import within_clause
+from ..classes import CLASS_KEYWORDS, within_clause
 from ..lexer import Token, closing, tokenise
 from .source_edits import text_end
 
@@ -14,7 +14,6 @@ MARK = "adapted_"
 """Names that begin with this are made for the compiler; `dae` knows what they stand for."""
 Edit = tuple[int, int, str]
 """Text in place of that between two offsets; see `source_edits.edited`."""
-CLASS_KINDS = frozenset("class model block connector type package function record operator".split())
 
 
 @dataclass
@@ -73,7 +72,7 @@ def _classes(tokens: Sequence[Token], scope: str) -> list[ClassBody]:
         after = tokens[place + 1]
         if token.text == "end" and around and after.text == around[-1].name:
             around.pop().end = place
-        if token.kind != "keyword" or token.text not in CLASS_KINDS:
+        if token.kind != "keyword" or token.text not in CLASS_KEYWORDS:
             continue
         at = place + (2 if after.text == "extends" else 1)
         if tokens[at].kind != "name" or (tokens[at + 1].text in ("=", ";", "(") and after.text != "extends"):

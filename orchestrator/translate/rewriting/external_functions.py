@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 
+from ..classes import CLASS_KEYWORDS
 from ..lexer import Token, closing
-from .class_bodies import CLASS_KINDS, MARK, ClassBody, Edit, ModelicaFile
+from .class_bodies import MARK, ClassBody, Edit, ModelicaFile
 
 CALL = f"{MARK}call"
 """The external function that stands for one whose statements the compiler refuses."""
@@ -50,7 +51,7 @@ def _external(source: ModelicaFile, one: ClassBody) -> Iterator[Edit]:
             lines.append(source.words(begin, place))
         elif word in ("protected", "public"):
             place = begin
-        elif word in CLASS_KINDS or place not in own:
+        elif word in CLASS_KEYWORDS or place not in own:
             place = next(inner.end + 2 for inner in one.inner if inner.end > begin)
         place += 1
     inputs, outputs = kept["input"], kept["output"]
