@@ -11,19 +11,17 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from orchestrator.base.errors import BuildError
 
-from ..classes import ModelicaClass, find_classes
 from ..lexer import Token, closing
 from ..sources import SourceTree
+from .declared_classes import DeclaredClass, DeclaredClasses, own_tokens
+from .modifiers import arguments
+from .source_edits import edited, text_end
 
 _MARK = "member of a bus: "
 _TYPES = {"TypeId(0)": "Real", "TypeId(1)": "Integer", "TypeId(2)": "Boolean"}
 _UNLIKE = re.compile(
     r"incompatible connector types in connection: (\S+) \(type_id: (TypeId\(\d+\))\) and "
     r"(\S+) \(type_id: (TypeId\(\d+\))\)"
-)
-_PREFIXES = frozenset(
-    "public protected final inner outer replaceable redeclare constant parameter discrete input output flow "
-    "stream".split()
 )
 
 
@@ -45,13 +43,12 @@ def with_members(texts: Mapping[str, str], found: frozenset[str] = frozenset()) 
     if not _any(texts):
         return {}
     types = dict(one.removeprefix(_MARK).split()[::-1] for one in found if one.startswith(_MARK))
-    changed: dict[str, str] = {}
-    for bus, members in _Buses(find_classes(texts), texts).missing():
-        text = changed.get(bus.file, texts[bus.file])
+    edits: dict[str, list[tuple[int, int, str]]] = {}
+    for bus, members in _Buses(texts).missing():
         made = "".join(f" {kind or types.get(name, 'Real')} {name};" for name, kind in members.items())
-        begin = _start(bus, text)
-        changed[bus.file] = f"{text[:begin]}{made} {text[begin:]}"
-    return changed
+        place = text_end(bus.tokens[bus.body - 1])
+        edits.setdefault(bus.file, []).append((place, place, f"{made} "))
+    return {file: edited(texts[file], some) for file, some in edits.items()}
 
 
 def refuse_unknown_members(tree: SourceTree, variables: Sequence[str]) -> None:
@@ -67,7 +64,7 @@ def refuse_unknown_members(tree: SourceTree, variables: Sequence[str]) -> None:
     subscripts = re.compile(r"\[[^\]]*\]")
     names = {f".{subscripts.sub('', one)}" for one in variables}
     wrong = []
-    for item, token, path, other in _Buses(tree.classes, tree.texts).signals():
+    for item, token, path, other in _Buses(tree.texts, tree.label).signals():
         end = f".{'.'.join(other[-2:])}"
         if any(f"{end}." in one for one in names) and not any(one.endswith(end) for one in names):
             wrong.append(
@@ -82,13 +79,7 @@ def _any(texts: Mapping[str, str]) -> bool:
     return any(re.search(r"\bexpandable\s+connector\b", text) for text in texts.values())
 
 
-def _start(bus: ModelicaClass, text: str) -> int:
-    """Offset in its file, changed or not, behind the name and the description of a connector."""
-    line = sum(len(one) + 1 for one in text.split("\n")[: bus.line - 1])
-    name = re.escape(_last(bus))
-    found = re.compile(rf'\bconnector\s+{name}\b(\s*\+?\s*"(?:[^"\\]|\\.)*")*').search(text, line)
-    assert found is not None
-    return found.end()
+_Signal = tuple[DeclaredClass, Token, Sequence[str], Sequence[str]]
 
 
 class _Buses:
@@ -97,28 +88,33 @@ class _Buses:
     Classes are known by their last names; those of one name count as one.
     """
 
-    def __init__(self, classes: Mapping[str, ModelicaClass], texts: Mapping[str, str]) -> None:
-        self._buses = [one for one in classes.values() if one.kind == "connector" and _expands(one, texts)]
+    def __init__(self, texts: Mapping[str, str], label: str = "") -> None:
+        classes = list(DeclaredClasses(dict(texts), label, ()).all_classes())
+        self._buses: list[DeclaredClass] = []
         self._components: dict[str, dict[str, str]] = {}  # class -> component -> class
         self._bases: dict[str, list[str]] = {}
         self._members: dict[str, dict[str, str]] = {}  # those that connections add
-        self._signals: dict[Token, tuple[ModelicaClass, Token, Sequence[str], Sequence[str]]] = {}
-        self._names = {_last(one): f".{one.name}" for one in classes.values() if one.kind == "connector"}
-        for item in classes.values():
-            name = _last(item)
-            self._components.setdefault(name, {}).update(
-                (one, kind) for kind, one in _declarations(item.tokens)
-            )
-            bases = (
-                _path(item.tokens, at + 1) for at, one in enumerate(item.tokens) if one.text == "extends"
-            )
-            self._bases.setdefault(name, []).extend(path[-1] for path in bases if path)
+        self._signals: dict[Token, _Signal] = {}
+        self._names: dict[str, str] = {}
+        for one in classes:
+            name, tokens = _last(one), one.tokens
+            components = self._components.setdefault(name, {})
+            bases = self._bases.setdefault(name, [])
+            for part in one.parts:
+                last = tokens[part.path[1] - 1].text
+                components |= {tokens[at].text: last for at, _ in part.names}
+                bases += [last] if part.kind == "extends" else []
+            if one.kind == "connector":
+                self._names[name] = f".{one.name}"
+                prefixes = {token.text for token in tokens[one.first : one.label]}
+                if one.short is None and "expandable" in prefixes:
+                    self._buses.append(one)
         self._group = {_last(one): _last(one) for one in self._buses}
         for bus in list(self._group):
             for base in self._bases[bus]:
                 if base in self._group:
                     self._join(bus, base)
-        ends = [(item, *one) for item in classes.values() for one in _connections(item.tokens)]
+        ends = [(one, *found) for one in classes for found in _connections(one)]
         known = -1
         while known != (
             known := len({self._of(one) for one in self._group}) + sum(map(len, self._members.values()))
@@ -127,11 +123,11 @@ class _Buses:
                 self._connected(item, token, first, second)
                 self._connected(item, token, second, first)
 
-    def signals(self) -> Iterator[tuple[ModelicaClass, Token, Sequence[str], Sequence[str]]]:
+    def signals(self) -> Iterator[_Signal]:
         """Connections of what counts as a signal: class and place, path of the member and of the other."""
         yield from self._signals.values()
 
-    def missing(self) -> Iterator[tuple[ModelicaClass, dict[str, str]]]:
+    def missing(self) -> Iterator[tuple[DeclaredClass, dict[str, str]]]:
         """Connectors with the members that they lack: name -> type, "" for what signals are connected to.
 
         Those that a connected one declares are among them.
@@ -188,7 +184,7 @@ class _Buses:
         return owner
 
     def _connected(
-        self, item: ModelicaClass, token: Token, path: Sequence[str], other: Sequence[str]
+        self, item: DeclaredClass, token: Token, path: Sequence[str], other: Sequence[str]
     ) -> None:
         """Take up that `path` is connected to `other`."""
         kind, owner, own = (self._class_of(_last(item), one) for one in (other, path[:-1], path))
@@ -202,58 +198,31 @@ class _Buses:
                 self._signals[token] = (item, token, path, other)
 
 
-def _last(item: ModelicaClass) -> str:
-    return item.name.rpartition(".")[2]
-
-
-def _expands(item: ModelicaClass, texts: Mapping[str, str]) -> bool:
-    text = texts[item.file].split("\n")
-    name = re.escape(_last(item))
-    lines = "\n".join(text[max(item.line - 3, 0) : item.line + 2])
-    return bool(re.search(rf"\bexpandable\s+connector\s+{name}\b(?!\s*=)", lines))
+def _last(one: DeclaredClass) -> str:
+    return one.tokens[one.label].text
 
 
 def _path(tokens: Sequence[Token], at: int) -> list[str]:
-    """The names of a path that begins at a token; none if a subscript is in it."""
-    at += at < len(tokens) and tokens[at].text == "."
+    """The names of a path that begins at a token, without subscripts."""
+    at += tokens[at].text == "."
     found = []
-    while at < len(tokens) and tokens[at].kind == "name":
+    while tokens[at].kind == "name":
         found.append(tokens[at].text)
         at += 1
-        if at < len(tokens) and tokens[at].text == "[":
+        if tokens[at].text == "[":
             at = closing(tokens, at) + 1
-        if at >= len(tokens) or tokens[at].text != ".":
+        if tokens[at].text != ".":
             break
         at += 1
     return found
 
 
-def _connections(tokens: Sequence[Token]) -> Iterator[tuple[Token, list[str], list[str]]]:
-    for place, token in enumerate(tokens[:-1]):
-        if token.text == "connect" and tokens[place + 1].text == "(":
-            end = closing(tokens, place + 1)
-            comma = next((at for at in range(place, end) if tokens[at].text == ","), end)
-            first, second = _path(tokens, place + 2), _path(tokens, comma + 1)
+def _connections(one: DeclaredClass) -> Iterator[tuple[Token, list[str], list[str]]]:
+    tokens = one.tokens
+    for at in own_tokens(one):
+        if tokens[at].text == "connect" and tokens[at + 1].text == "(":
+            ends = arguments(tokens, at + 1)
+            first, second = ([*(_path(tokens, begin) for begin, _ in ends), [], []])[:2]
             # A member that is itself an array is left to the compiler.
-            if first and second and "]" not in (tokens[comma - 1].text, tokens[end - 1].text):
-                yield token, first, second
-
-
-def _declarations(tokens: Sequence[Token]) -> Iterator[tuple[str, str]]:
-    """Last name of the type, and name, of each component that a class declares."""
-    begins = True
-    for place, token in enumerate(tokens):
-        if token.text in ("equation", "algorithm"):
-            return
-        if begins and token.kind == "name":
-            path = _path(tokens, place)
-            at = place + 2 * len(path) - 1
-            while at < len(tokens) and tokens[at].text in ("[", "("):
-                at = closing(tokens, at) + 1
-            while at < len(tokens) and tokens[at].kind == "name":
-                yield path[-1], tokens[at].text
-                at += 1
-                while at < len(tokens) and tokens[at].text not in (",", ";"):
-                    at = closing(tokens, at) + 1
-                at += at < len(tokens) and tokens[at].text == ","
-        begins = token.text == ";" or (begins and (token.text in _PREFIXES or token.kind == "string"))
+            if first and second and all(tokens[last].text != "]" for _, last in ends):
+                yield tokens[at], first, second

@@ -79,7 +79,7 @@ class _Components(TypedClasses):
 
     def edits(self) -> dict[str, list[tuple[int, int, str]]]:
         found: dict[str, list[tuple[int, int, str]]] = {}
-        for one in self._all():
+        for one in self.all_classes():
             if one.file in self._texts:
                 places = list(own_tokens(one))
                 edits = found.setdefault(one.file, [])

@@ -106,7 +106,8 @@ class DeclaredClasses:
             tokens = tokenise(text, label + file)
             self._top += self._read(text, file, tokens, within_clause(tokens))
 
-    def _all(self) -> Iterator[DeclaredClass]:
+    def all_classes(self) -> Iterator[DeclaredClass]:
+        """The classes of the sources, each before those within it."""
         ahead = list(self._top)
         for one in ahead:
             yield one

@@ -56,7 +56,7 @@ class _Overloaded(TypedClasses):
     def lowered(self, strict: frozenset[str]) -> dict[str, str]:
         edits: dict[str, list[tuple[int, int, str]]] = {}
         names = self._carriers()
-        for one in [*self._all()]:
+        for one in [*self.all_classes()]:
             found = edits.setdefault(one.file, [])
             concerned = self._libraries or any(one.tokens[at].text in names for at in _all_tokens(one))
             if is_overloading(one):
@@ -69,7 +69,7 @@ class _Overloaded(TypedClasses):
         """Last names of classes that may hold operator records."""
         uses: dict[str, set[str]] = {}
         names = set[str]()
-        for one in self._all():
+        for one in self.all_classes():
             last = one.tokens[one.label].text
             if is_overloading(one):
                 names.add(last)

@@ -56,7 +56,7 @@ class _Redeclarations(DeclaredClasses):
                 for part, token in found.items()
                 if part in inner
             )
-            used = [other for other in self._all() if other.tokens[other.label].text == name]
+            used = [other for other in self.all_classes() if other.tokens[other.label].text == name]
             yield from (
                 f"{tree.at(one.file, token)}: `{part}` is redeclared here, but {name} inherits it, so that "
                 f"the compiler would keep what it is there; extend the class that declares `{part}` instead"

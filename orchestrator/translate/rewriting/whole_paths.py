@@ -24,7 +24,7 @@ class WholePaths(DeclaredClasses):
         """
         places: dict[str, int] = {}
         kept = set[str]()
-        for one in self._all():
+        for one in self.all_classes():
             label = one.tokens[one.label]
             if one.kind == "function":
                 places[label.text] = places.get(label.text, 0) + 1
@@ -33,12 +33,12 @@ class WholePaths(DeclaredClasses):
                     kept.add(label.text)  # what it stands for differs from class to class
         packages = {
             one.tokens[one.label].text
-            for one in self._all()
+            for one in self.all_classes()
             if one.kind == "package" and one.short is not None and self._copied and not self._in_package(one)
         } - kept
         shared = {name for name, count in places.items() if count > 1} - kept
         edits: dict[str, list[tuple[int, int, str]]] = {}
-        for one in self._all():
+        for one in self.all_classes():
             if one.short is None:
                 found = edits.setdefault(one.file, [])
                 found += self._path_edits(one, packages, shared, model)
