@@ -4,10 +4,9 @@ An effect is a function of a signal, of the instant that its value belongs to, a
 that comes out of a connection's effects stands beside the FMUs' outputs, and masters treat it like them:
 
 - Its value at t follows from the sources' values at t and from what the effects remember of the instants
-  before. A master that feeds an input with the value of the step's begin (Jacobi), or of its end
-  (Gauss-Seidel, where the source has stepped), feeds the effects' value of that instant. Of several sources,
-  and of signals that an effect reads besides, each counts with the latest value that is known, at the latest
-  of their times.
+  before. Jacobi feeds an input with the effects' value at the step's begin, Gauss-Seidel with that at its
+  end, if the source has stepped. Each of several sources, and of signals that an effect reads besides, counts
+  with its latest known value, at the latest of their times.
 - Memory is written once at every instant that is accepted: communication points, and the parts of steps that
   an adaptive master keeps. What is evaluated in between, on trial, reads the memory and leaves it as it is; a
   master that steps instances back brings the memory back with them.

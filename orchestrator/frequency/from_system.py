@@ -1,8 +1,8 @@
-"""A configured system -> the linear system with delays that it is around its start.
+"""Linearise a configured system around its start: a linear system with delays.
 
-`linear_parts` gives the equations of each instance. Delays of connections are exact, low-pass filters become
-states, sample and hold counts as a delay of half its period, and effects that are not linear count as one and
-are named. Measures of the config may know a point and laws of instances.
+`linear_parts` gives the equations of each instance. Delays of connections are exact, and low-pass filters
+become states. Sample and hold counts as a delay of half its period. Effects that are not linear count as a
+gain of one and are named. Measures of the config may know a point and laws of instances.
 """
 
 from __future__ import annotations
@@ -174,14 +174,14 @@ def linearise(
     at_time: float | None = None,
     point: LinearPoint | None = None,
 ) -> Linearised:
-    """The linear system with delays of a configured system, without communication steps.
+    """Linearise a configured system: a linear system with delays, without communication steps.
 
     Args:
         config, overrides: as `orchestrator.simulation.run.prepare`.
         at_time: the point of a run that it is linear around [s]; None: its start.
         point: start values and laws in place of those that the config's measures know.
-    Raises: ConfigError with all FMUs that can neither be differentiated nor measured or whose input acts on
-        their states in no way that is known here, and all effects without a transfer function.
+    Raises: ConfigError with all effects without a transfer function, and all FMUs that can neither be
+        differentiated nor measured, or whose input acts on their states in no way that is known here.
     """
     prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
     if outside := [

@@ -36,11 +36,13 @@ def system_stability(
         opened: connections to open, by their target, as "drive.voltage"; all within loops if none is named.
             Several are also opened at once.
         linear: what `linearise` gave; made here if it is not.
-    Returns: a dict with `verdict`, `modes` (`holds_for`: see `momentary_roots`; None of those that last),
-        `line`, `margins` (weakest connection first), `together` (of the loops that are opened at once, or
-        None), `later` (the delay that all of them bear at once, or those of all loops if none is opened; None
-        of fewer than two or very many), `sampled` (see `step_report`), `not_linear` (see `unlike_parts`),
-        `point`, `notes`; all but `sampled` without communication steps.
+    Returns: a dict, all but `sampled` of it without communication steps:
+        `verdict`, `line`, `point`, `notes`.
+        `modes`: with `holds_for`, see `momentary_roots`; None of those that last.
+        `margins`: weakest connection first. `together`: of the loops that are opened at once, or None.
+        `later`: the delay that the opened connections bear at once, or those of all loops if none is opened;
+        None of fewer than two or very many.
+        `sampled`: see `step_report`. `not_linear`: see `unlike_parts`.
     Raises: ConfigError with all problems; OrchestratorError if the roots cannot be certified.
     """
     linear = linear or linearise(prepared)

@@ -73,14 +73,15 @@ def verified(
         linear: the system around its start, a time of a run, or a point that a measure of the config chose.
         hold: constants by input, FMU's units, that let a run rest at such a point; None: not known.
         momentary: roots that hold for one moment only, which no run shows; see `momentary_roots`.
-    Returns: a dict with `changed` (the start value that was changed, or the input that a pulse was added to),
-        `pulse` (whether it is an input), `root` (the machine's), and for each
-        step `step` [s], `found` (the pole) and `difference` (its distance from the root, relative to the
-        root); the last one is step 0, extrapolated from the two others, since the error of masters without
-        iteration falls with the step; it is left out where a mode of the step's own grows. `sampled` holds
-        `step`, `predicted`, `found` and `difference` of the roots that the master and the step give: the one
-        that stands for the machine's, and the dominant one if that is another, or this alone where it grows;
-        it is empty where the sampled system is not known.
+    Returns: a dict with
+        `changed`, `pulse`: the start value that was changed, or the input that a pulse was added to; which.
+        `root`: of the machine.
+        For each step `step` [s], `found` (the pole) and `difference` (its distance from the root, relative to
+        the root). The last one is step 0, extrapolated from the two others, since the error of masters
+        without iteration falls with the step. It is left out where a mode of the step's own grows.
+        `sampled`: `step`, `predicted`, `found` and `difference` of the roots that master and step give. These
+        are the one that stands for the machine's and the dominant one, or the latter alone where it grows;
+        none where the sampled system is not known.
     Raises: OrchestratorError if no mode can be excited or none is found; StepError if a run fails.
     """
     overrides = tuple(overrides)

@@ -85,9 +85,9 @@ class System:
     def order(self) -> tuple[int, ...]:
         """Indices of the instances in the order of direct feedthrough; the config's order breaks ties.
 
-        An instance comes after those whose outputs it passes on within one instant; where that leaves it
-        open, also after those whose outputs would pass if effects did not keep them back, so that a delay
-        changes nothing else when it outgrows the step.
+        An instance comes after those whose outputs it passes on within one instant. Where that leaves it
+        open, effects count as if they passed signals on at once. So a delay that outgrows the step does not
+        change the order.
         """
         through = [{port for ports in one.feedthrough.values() for port in ports} for one in self.instances]
         successors: list[set[int]] = [set() for _ in self.instances]

@@ -317,8 +317,8 @@ def _advanced(
 def given(path: Path) -> Given:
     """A system that laws can be hidden in: a study of ports, or a config.
 
-    Of a config, inputs that nothing drives are driven, outputs of components with inputs that nothing reads
-    are compared (all, where every one is read), and parameters that it gives are calibrated to 2 %.
+    Of a config, inputs that nothing drives are driven. Outputs that nothing reads are compared, of components
+    with inputs; all, where every one is read. Parameters that it gives are calibrated to 2 %.
 
     Where components give no access to their states, start values vary that a config gives to compared
     outputs.

@@ -38,10 +38,9 @@ _DRIVEN = 0.3
 def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
     """Check the logs of a study, and the tolerances that they are held against.
 
-    Returns: a column with a wrong sign or unit, two that were exchanged, or some whose clock is off, if that
-        explains nearly all that the model misses, logs that open a loop which the model needs, and runs in
-        which the model runs away, fails or ends: they forbid a diagnosis; and what a reader should be warned
-        of.
+    Returns: problems that forbid a diagnosis, and what a reader should be warned of. Problems are a wrong
+        sign or unit, exchanged columns or a wrong clock that explain nearly all that the model misses; logs
+        that open a loop which the model needs; runs in which the model runs away, fails or ends.
     """
     stops: dict[str, list[StepError]] = {run.name: [] for run in study.runs}
     replay = Replay(study)

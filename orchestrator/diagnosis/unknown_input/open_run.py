@@ -116,8 +116,9 @@ class Tangent:
     Attributes:
         signals: [states, inputs, outputs] at each sample. ends: the same just before it, where held signals
             still have their last values. Shape (samples, signals).
-        onward, first, last: what the states' change, and an input's effect on derivatives at the begin and at
-            the end of the interval before a sample, make of the states there, shape (samples, m, m).
+        onward: change of the states at a sample by those at the sample before, shape (samples, m, m).
+        first, last: the same by what an input adds to the derivatives at the begin and at the end of the
+            interval between them.
         rates, direct: derivatives of the states' rates and of the compared signals by an input, shapes
             (samples, places, m) and (samples, places, compared). seen: of compared signals by states.
     """

@@ -8,17 +8,17 @@ what it was given for f, written f~. Then
     given   = integral of e f~ dt       energy that A gives away
     created = taken - given             energy that neither had: the coupling made it
 
-which is the power residual of Sadjina, Kyllingstad, Skjong and Pedersen (Energy conservation and power bonds
-in co-simulations, Engineering with Computers 33, 2017), integrated, and what Benedikt's NEPCE corrects. It is
+This is the integral of the power residual of Sadjina, Kyllingstad, Skjong and Pedersen (Energy conservation
+and power bonds in co-simulations, Engineering with Computers 33, 2017). Benedikt's NEPCE corrects it. It is
 the sum of what its two connections do, each with the true partner of what it carries:
 
     created = integral of (e~ - e) f dt  -  integral of e (f~ - f) dt
 
-In this form it holds for longer ways, too: where a robot lies between, that moves by what it is reported, a
-force held on the way costs or gains (e~ - e) times the taker's flow, a motion held on the way e times
-(f~ - f), each being what the satellite would otherwise have been given. The rest of taken - given is what
-the instances on the way inject of themselves, `between`. With instances on the way the share of a connection
-that they filter is right to leading order only: as if they passed it on at once.
+In this form it also holds for longer ways, as through a robot that moves by the motion which it is given. A
+force that is held on the way adds (e~ - e) times the taker's flow; a motion that is held there takes e times
+(f~ - f). The rest of taken - given is what the instances on the way inject of themselves, `between`. If they
+filter what a
+connection carries, its share is right to leading order only: as if they passed it on at once.
 
 Where effects stand on a connection, e and f of it are what comes out of them: they are part of the system,
 and what they take or give counts as `between`.
@@ -27,12 +27,12 @@ Where A is reported a displacement x, the work is the integral of e dx~: a held 
 points, by what the source moved, against the mean of the effort before and after.
 
 Signals are known at communication points, inputs over the whole step; products are integrated by Simpson's
-rule. An output runs straight between two points while its instance holds its input, as that of a mass or
-a spring does, and on the parabola through the point before where the input runs, too; displacements always
+rule. While an instance holds its input, its output runs straight between two points, as that of a mass or a
+spring does. Where the input runs, too, it runs on the parabola through the point before. Displacements always
 do the latter. The error of an energy is then of second order in the step at most, while what is measured is
-of first order for held inputs. An output that depends directly on a held input jumps with it; how far it
-jumps is taken from the change over the step as if it depended on that input alone, which is exact for
-components without states (contacts, springs, gears), and of first order where a state is added to the input.
+of first order for held inputs. An output that depends directly on a held input jumps with it. Its jump is
+taken from the change over the step, as if it depended on that input alone. That is exact for components
+without states (contacts, springs, gears), and of first order where a state is added to the input.
 """
 
 from __future__ import annotations

@@ -52,9 +52,9 @@ def run_native(
 
     Args:
         instances: initialised; `choose_loop` has found them fit.
-        seen: called after each chunk with the index of its first point, the times, shape (n,) [s], and the
-            signals, shape (n, layout.size), of the points at which its steps began, in memory that the next
-            chunk reuses. None: nobody looks.
+        seen: called after each chunk of steps, about the points at which they began: index of the first,
+            times, shape (n,) [s], and signals, shape (n, layout.size). The next chunk reuses their memory.
+            None: nobody looks.
         check: called before each chunk; whether to stop there.
         begun: called before the first, when the machine code is there.
         paced: called with the time of each point at which a step begins, before it does [s]; chunks are

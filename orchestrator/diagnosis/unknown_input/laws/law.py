@@ -54,11 +54,11 @@ class Number:
     Attributes:
         name: of it.
         unit: with `w` for the unit at the place, `u` for that of the signal, `v` for that of the second one.
-        starts: where fits begin, in multiples of `by`: the signal's "spread", the "interval" of the logs, one
-            over it ("rate"), "one", the signal's largest size ("most"), the length of a "run", the spread of
-            the signal's "slope", the spread times the interval ("step", "second step"), the "second" signal's
-            largest size, the "product" of both spreads. "range": parts of the way from the signal's lowest
-            to its highest value; "second range" likewise.
+        starts: where fits begin, in multiples of `by`.
+        by: "one"; the signal's "spread", its largest size ("most"), the spread of its "slope", its spread
+            times the interval ("step"); the "interval" of the logs, one over it ("rate"), the length of a
+            "run"; of the second signal its largest size ("second") and "second step"; the "product" of both
+            spreads. "range", "second range": parts of the way from the lowest to the highest value.
         most: largest size, times the signal's spread; a fit beyond it is another law.
         limits: least and largest value; a fit beyond them is another law.
         positive: whether its sign means nothing.
