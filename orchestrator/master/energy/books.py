@@ -17,8 +17,7 @@ the sum of what its two connections do, each with the true partner of what it ca
 In this form it also holds for longer ways, as through a robot that moves by the motion which it is given. A
 force that is held on the way adds (e~ - e) times the taker's flow; a motion that is held there takes e times
 (f~ - f). The rest of taken - given is what the instances on the way inject of themselves, `between`. If they
-filter what a
-connection carries, its share is right to leading order only: as if they passed it on at once.
+filter what a connection carries, its share is right to leading order only: as if they passed it on at once.
 
 Where effects stand on a connection, e and f of it are what comes out of them: they are part of the system,
 and what they take or give counts as `between`.
