@@ -27,11 +27,14 @@ STEP = 5e-4
 # Software repeats its logs to some 5 nm. No law need be as exact as that.
 NOISE = {"satellite.position": "1e-6 m", "satellite.velocity": "1e-5 m/s", "controller.force": "4e-3 N"}
 FED = {
-    "robot.command": ("command", "m"), "satellite.force": ("compensated_force", "N"),
-    "controller.measured_force": ("sensor_force", "N"), "controller.position": ("encoder_position", "m"),
-    "controller.desired_position": ("desired_position", "m"),
-    "controller.desired_velocity": ("desired_velocity", "m/s"),
+    "robot.command": ("desired_position_next", "m"), "satellite.force": ("compensated_force", "N"),
+    "controller.measured_force": ("sensor_force_next", "N"),
+    "controller.position": ("encoder_position_next", "m"),
+    "controller.desired_position": ("desired_position_next", "m"),
+    "controller.desired_velocity": ("desired_velocity_next", "m/s"),
 }  # fmt: skip
+# The software answers within its tick, the master a step later: it is fed the next sample.
+NEXT = ("desired_position", "desired_velocity", "sensor_force", "encoder_position")
 # Ports at which a law names a place of the rig.
 PORTS = {
     "link": ("robot.command",), "robot": ("robot.",), "structure": ("robot.position", "contact."),
@@ -65,7 +68,7 @@ NAMES: dict[str, tuple[str, ...]] = {
 
 
 def study_of(case: Path, out: Path) -> Path:
-    """Write the study of a case: system, logs with the command sent, study.yaml."""
+    """Write the study of a case: system, logs with what the software takes, study.yaml."""
     out.mkdir(parents=True, exist_ok=True)
     data = yaml.safe_load((case / "case.yaml").read_text(encoding="utf-8"))
     given = {name: one["value"] for name, one in data["nominal"].items()}
@@ -99,11 +102,11 @@ def study_of(case: Path, out: Path) -> Path:
         table = np.genfromtxt(case / one["file"], delimiter=",", names=True, deletechars="")
         names = [name.partition("_[")[0] for name in table.dtype.names]
         columns = np.column_stack([table[name] for name in table.dtype.names])
-        desired = columns[:, names.index("desired_position")]
+        later = [np.r_[column[1:], column[-1]] for column in columns[:, [names.index(one) for one in NEXT]].T]
         name = one["file"].partition(".")[0]
         np.savetxt(
-            out / f"{name}.csv", np.column_stack([columns, np.r_[desired[1:], desired[-1]]]), fmt="%.10g",
-            delimiter=",", header=",".join([*names, "command"]), comments="",
+            out / f"{name}.csv", np.column_stack([columns, *later]), fmt="%.10g", delimiter=",",
+            header=",".join([*names, *(f"{one}_next" for one in NEXT)]), comments="",
         )  # fmt: skip
         speed = one["approach_speed"]
         begin = {"position": f"{-robot_lag * speed} m", "velocity": f"{speed} m/s"}
