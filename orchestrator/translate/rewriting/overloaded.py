@@ -20,7 +20,7 @@ from .modifiers import arguments
 from .operator_expressions import Expressions
 from .operator_values import INDEX, MAKER, SUM, NotRead, Value, getter
 from .source_edits import edited, path_end, path_of, statement_end, text_end, words_of
-from .typed_classes import BUILT_IN, TypedClasses, binding, is_overloading, sizes_of
+from .typed_classes import BUILT_IN_TYPES, TypedClasses, binding, is_overloading, sizes_of
 
 _RECORD = re.compile(r"\boperator\s+record\b")
 _ENDS = frozenset((";", ",", ")", "then", "loop", "annotation", "if", "constrainedby"))
@@ -106,7 +106,7 @@ class _Overloaded(TypedClasses):
         own = tokens[one.label].text
         for name, (owner, part, at) in self.components(one).items():
             kind, _ = self.kind_of(owner, part)
-            if kind in BUILT_IN:
+            if kind in BUILT_IN_TYPES:
                 sizes = "".join(f"[{size}]" for size in sizes_of((owner, part, at)))
                 members.append((name, kind, sizes))
                 made.append(

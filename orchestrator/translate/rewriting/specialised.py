@@ -33,7 +33,7 @@ from .declared_classes import (
 from .modifiers import Modifiers, arguments, complete, modifiers_of, written
 from .overloaded import overloads, with_calls
 from .source_edits import edited, on_one_line, path_end, path_of, text_end, words_of
-from .typed_classes import is_overloading
+from .typed_classes import BUILT_IN_TYPES, is_overloading
 from .whole_paths import WholePaths
 
 _NAMED = re.compile(r"\b(function|package|outer)\b|\bconnect\s*\([^;]*\]\s*[,)]")
@@ -160,7 +160,7 @@ class SpecialisedClasses(DeclaredClasses):
             found = after
         if found is not None:
             return f".{found.name}"
-        if path[0] in ("Real", "Integer", "Boolean", "String"):
+        if path[0] in BUILT_IN_TYPES:
             return path[0]
         return f".{'.'.join(path)}" if path[0] == "Modelica" else None
 

@@ -1,4 +1,4 @@
-"""The types of components and functions in Modelica sources, as far as operator records need them."""
+"""The types of components and functions in Modelica sources, and the sizes of arrays."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..lexer import closing
 from .declared_classes import ClassPart, DeclaredClass, DeclaredClasses, dimensions
 from .source_edits import path_of, words_of
 
-BUILT_IN = frozenset(("Real", "Integer", "Boolean", "String"))
+BUILT_IN_TYPES = frozenset(("Real", "Integer", "Boolean", "String"))
 Component = tuple[DeclaredClass, ClassPart, int]
 """The class that declares a component, its clause, and the index of its name."""
 
@@ -74,14 +74,14 @@ class TypedClasses(DeclaredClasses):
 
     def kind(self, path: Sequence[str], scope: str) -> tuple[str, DeclaredClass | None]:
         """The kind that a type's path names within a class, and its class."""
-        if len(path) == 1 and path[0] in BUILT_IN:
+        if len(path) == 1 and path[0] in BUILT_IN_TYPES:
             return path[0], None
         found = self._resolved(path, scope, {})
         for _ in range(50):
             if found is None or found.short is None:
                 break
             words = path_of(found.tokens, *found.short.path)
-            if len(words) == 1 and words[0] in BUILT_IN:
+            if len(words) == 1 and words[0] in BUILT_IN_TYPES:
                 return words[0], None
             after = self._resolved(words, found.name.rpartition(".")[0], {})
             found = None if after is found else after

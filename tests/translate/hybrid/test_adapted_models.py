@@ -868,6 +868,7 @@ def test_functions_may_stand_in_reductions_of_declarations(tmp_path):
     output Real x(min = 0) = sum({square(a[k]) for k in 1:n}) "of squares"
       annotation(Dialog(tab = "a"));
     Real z = product(square(a[k] + 1) for k in 1:n);
+    Real s = sum({integer(1.5*k)*a[2] for k in 1:n});
     annotation(Documentation(info = "text"));
   end Part;
   model M
@@ -882,9 +883,10 @@ def test_functions_may_stand_in_reductions_of_declarations(tmp_path):
   end M;
 end P;
 """
-    found = run(made(tmp_path, text, model="P.M"), 1.0, 0.125, "x", "z", "w[1]", "u")
+    found = run(made(tmp_path, text, model="P.M"), 1.0, 0.125, "x", "z", "s", "w[1]", "u")
     t = found["time"]
     assert np.abs(found["x"] - (t**2 + 13)).max() < 1e-12
+    assert np.abs(found["s"] - 2 * (1 + 3 + 4)).max() < 1e-12
     assert np.abs(found["z"] - 144 * (t + 1) ** 2).max() < 1e-11
     assert np.abs(found["w[1]"] - t**2).max() < 1e-12
     assert np.abs(found["u"] - (1 + 2 * np.maximum((1 - t) ** 2, (3 - t) ** 2))).max() < 1e-12
