@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,8 @@ from orchestrator.cli.main import main
 from orchestrator.diagnosis.study.channels import clipped
 from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.unknown_input.diagnose import diagnose_system
+from orchestrator.diagnosis.unknown_input.model import StateModel
+from orchestrator.diagnosis.unknown_input.thinning import without_outliers
 
 
 def test_all_that_is_wrong_with_a_study_is_reported_at_once(noiseless, capsys):
@@ -55,6 +59,38 @@ def test_refused_runs(noiseless):
         ConfigError, match=r"(?s)key\.yaml:\d+: runs\[0\]\.rolle: unknown key .*allowed: file, role"
     ):
         load_port_study(noiseless / "key.yaml")
+
+
+def test_a_compared_log_may_have_gaps_which_are_not_compared(noiseless, tmp_path):
+    folder = tmp_path / "gaps"
+    shutil.copytree(noiseless, folder)
+
+    def emptied(column: str, rows: range) -> Path:
+        path = folder / "run-0.csv"
+        lines = (noiseless / "run-0.csv").read_text().splitlines()
+        at = [name.partition(" ")[0] for name in lines[0].split(",")].index(column)
+        for row in rows:
+            cells = lines[1 + row].split(",")
+            lines[1 + row] = ",".join("" if k == at else cell for k, cell in enumerate(cells))
+        path.write_text("\n".join(lines) + "\n")
+        return folder
+
+    taken = load_port_study(emptied("drive.position", range(100, 110)))
+    port = next(iter(taken.runs[0].gaps))
+    assert str(port) == "drive.position" and np.isfinite(taken.runs[0].logs[port]).all()
+    with StateModel(taken) as model:
+        cleaned, remarks = without_outliers(model)
+    assert np.flatnonzero(np.isnan(cleaned.runs[0].logs[port])).tolist() == list(range(100, 110))
+    assert remarks == [
+        "run-0: drive.position: 10 of 1001 rows hold nothing, first row 100. They are not compared."
+    ]
+    for column, rows, more in (
+        ("path.position", range(100, 110), "by `from` and `to`."),
+        ("drive.position", range(1), "but not the first or last."),
+        ("drive.position", range(100, 300), "Up to 10 % of its rows may be empty"),
+    ):
+        with pytest.raises(ConfigError, match=rf"(?s)row {rows[0]} of column {column} holds nothing.*{more}"):
+            load_port_study(emptied(column, rows))
 
 
 def test_logs_that_break_off_or_stand_twice_are_refused(noiseless):

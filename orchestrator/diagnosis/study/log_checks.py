@@ -24,6 +24,8 @@ _QUARTZ = 1e-4
 _CLOCKS = ("t", "time", "timestamp", "stamp", "zeit", "seconds", "sec")
 # Of clocks without unit [s]: what their values may be counted in.
 _COUNTED = (1.0, 1e-3, 1e-6, 1e-9)
+# Share of the rows that a compared column may lack.
+_MOST_GAPS = 0.1
 _COMMA = re.compile(r"\s*[+-]?\d+,\d+([eE][+-]?\d+)?\s*")
 _DATE = re.compile(r"\s*\d{1,4}[-./]\d{1,2}[-./]\d{1,4}([T ].*)?")
 
@@ -112,6 +114,7 @@ def unread_rows(
     mapping: Mapping[str, _Named],
     rows: Mapping[str, NDArray[np.intp]],
     has_parts: bool,
+    gappy: Collection[str] = (),
 ) -> Iterator[Problem]:
     """Columns with rows that hold no number, or one whose square is none.
 
@@ -120,10 +123,19 @@ def unread_rows(
         signals, mapping: what is read, and from which columns.
         rows: numbers of the rows that are taken, by signal.
         has_parts: whether a part of the log can be asked for.
+        gappy: signals that may lack a few rows, but not the first and the last one.
     """
     for name, signal in signals.items():
         wrong = rows[name][~(np.abs(signal.values[rows[name]]) < _LARGEST)]
         if not len(wrong):
+            continue
+        # Text in place of a number is a mistake; what is not there is a gap.
+        gaps = all(
+            np.isnan(signal.values[k]) and (signal.written is None or signal.written[k] in (None, ""))
+            for k in wrong.tolist()
+        )
+        ends = {int(rows[name][0]), int(rows[name][-1])}
+        if name in gappy and gaps and len(wrong) <= _MOST_GAPS * len(rows[name]) and not ends & {*wrong}:
             continue
         row = int(wrong[0])
         held = signal.values[row] if signal.written is None else signal.written[row]
@@ -136,6 +148,8 @@ def unread_rows(
         )
         if isinstance(held, str) and _COMMA.fullmatch(held):
             remedy = f"Write decimal points: {held.strip().replace(',', '.')}."
+        if name in gappy and gaps:
+            remedy += f" Up to {100 * _MOST_GAPS:g} % of its rows may be empty, but not the first or last."
         allowed = f"a number below {_LARGEST:g}" if np.isfinite(signal.values[row]) else "a number"
         if isinstance(held, str) and _DATE.fullmatch(held):
             allowed = "a number, or a date as ISO 8601 has it, 2026-03-04T09:15:00.250"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -135,6 +135,7 @@ def columns_of(
     problems: list[Problem],
     part: Callable[[Array], slice | None] | None = None,
     clock: str | None = "tick",
+    gappy: Collection[str] = (),
 ) -> dict[str, Array] | None:
     """Read a run's log by a mapping: SI, one value per tick.
 
@@ -148,6 +149,7 @@ def columns_of(
         part: the rows that are taken, by the times of all [s] from the first on; None refuses them. What
             stands in other rows does not matter.
         clock: the key that sets the tick; None if time is mapped wrongly, so that it is unknown.
+        gappy: signals that may lack a few rows, which are NaN then.
     Returns: None if something is wrong, or nothing is mapped.
     """
     before = len(problems)
@@ -202,7 +204,7 @@ def columns_of(
     if taken is None:
         return None
     rows = {name: numbers[taken] for name, numbers in rows.items()}
-    problems += unread_rows(path, chosen, mapping, rows, part is not None)
+    problems += unread_rows(path, chosen, mapping, rows, part is not None, gappy)
     if len(problems) > before:
         return None
     return {name: scaled[name][numbers] for name, numbers in rows.items()} | {"time": time[taken]}

@@ -133,7 +133,10 @@ class _Reader:
         nominal = self._nominal()
         settled = sheet.seconds(model.settle, "settle")
         step = self.step if self.faithful else None
-        columns = Columns(_named(model), mapping, units, step, tuple(map(str, compared)), self._value)
+        gappy = [str(port) for port in compared if port not in fed]
+        columns = Columns(
+            _named(model), mapping, units, step, tuple(map(str, compared)), tuple(gappy), self._value
+        )
         runs = read_runs(sheet, model.runs, columns, round(settled / self.step))
         self._moving(runs, compared, round(settled / self.step))
         if sheet.problems:

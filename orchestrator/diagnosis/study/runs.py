@@ -41,7 +41,7 @@ class Columns:
         mapping: those that can.
         units: in which signals are taken, by name.
         step: communication step [s]; None if it is not known.
-        compared: signals that are compared.
+        compared: signals that are compared. gappy: those that may lack a few rows.
         number: reads the value of a parameter or a start value, from its name, the value and its place; None
             if nothing is known of the system.
     """
@@ -51,6 +51,7 @@ class Columns:
     units: Mapping[str, str]
     step: float | None
     compared: tuple[str, ...] = ()
+    gappy: tuple[str, ...] = ()
     number: Callable[..., float | None] | None = None
 
 
@@ -161,18 +162,25 @@ class _Run:
         wanted = {name: one for name, one in mapping.items() if name not in model.without}
         clock = None if "time" in self.columns.named else "run.step_size"
         found = columns_of(
-            self.path, wanted, self.columns.units, self.columns.step, sheet.problems, self._part, clock
-        )
+            self.path, wanted, self.columns.units, self.columns.step, sheet.problems, self._part, clock,
+            self.columns.gappy,
+        )  # fmt: skip
         if found is None:
             return None
         stem = Path(self.path.name.removesuffix(".gz")).stem
+        logs = {Port.of(name): values for name, values in found.items() if name != "time"}
+        gaps = {port: np.isnan(values) for port, values in logs.items() if np.isnan(values).any()}
+        for port, empty in gaps.items():
+            rows = np.arange(len(empty))
+            logs[port] = np.interp(rows, rows[~empty], logs[port][~empty])
         return PortRun(
             model.name or (stem if model.begin is None else f"{stem}-{self.first}"),
             model.role,
-            {Port.of(name): values for name, values in found.items() if name != "time"},
+            logs,
             model.repeats,
             self.path,
             values,
+            gaps,
         )
 
     def _part(self, time: Array) -> slice | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...base.arrays import Array
 from ...base.errors import ConfigError
@@ -34,6 +35,8 @@ class PortRun:
         logs: by port, in the unit of the port, each of shape (n,), a communication step apart.
         repeats: name of the run that it repeats; file: that it was read from.
         values: of parameters, and start values of outputs, in place of the config's.
+        gaps: where the log of a compared port holds nothing, each of shape (n,); there `logs` has a line
+            between the rows around, for checks.
     """
 
     name: str
@@ -42,6 +45,7 @@ class PortRun:
     repeats: str | None = None
     file: Path | None = None
     values: Mapping[Port, float] = field(default_factory=dict)
+    gaps: Mapping[Port, NDArray[np.bool_]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(next(iter(self.logs.values()), ()))

@@ -22,9 +22,9 @@ _NEAR = 4
 
 
 def without_outliers(model: StateModel) -> tuple[PortStudy, list[str]]:
-    """The study with NaN in place of outliers of compared logs, and a remark for each log that has some.
+    """The study with NaN in place of gaps and outliers of compared logs, and a remark for each log with some.
 
-    They are looked for in what the configured model misses, which holds less of the machine's own motion.
+    Outliers are looked for in what the configured model misses, which holds less of the machine's own motion.
     """
     study, runs, remarks = model.study, [], []
     replays = Replays(Runs(model, study.runs), ())
@@ -43,7 +43,13 @@ def without_outliers(model: StateModel) -> tuple[PortStudy, list[str]]:
                     "are not compared. Look for drop-outs of the sensor, its cable and the logger."
                 )
                 logs[port] = np.where(away, np.nan, logs[port])
-        runs.append(replace(run, logs=logs))
+        for port, empty in run.gaps.items():
+            logs[port] = np.where(empty, np.nan, logs[port])
+            remarks.append(
+                f"{run.name}: {port}: {empty.sum()} of {len(empty)} rows hold nothing, first row "
+                f"{int(np.argmax(empty))}. They are not compared."
+            )
+        runs.append(replace(run, logs=logs, gaps={}))
     return replace(study, runs=tuple(runs)) if remarks else study, remarks
 
 
