@@ -38,6 +38,7 @@ from orchestrator.diagnosis.unknown_input.model import StateModel
 from orchestrator.diagnosis.unknown_input.places import Runs, rank
 from orchestrator.diagnosis.unknown_input.played import LawEffect, PlayedModel
 from orchestrator.diagnosis.unknown_input.polish import Polished, Replays
+from orchestrator.diagnosis.unknown_input.report import text_of
 from orchestrator.diagnosis.unknown_input.response import Responses
 from orchestrator.diagnosis.unknown_input.search import Search, kin_of
 from orchestrator.diagnosis.unknown_input.separate import FittedAnswer, separating
@@ -196,6 +197,18 @@ def test_cubic_stiffness_is_read(fmus: Path) -> None:
 def test_another_start_is_no_law(fmus: Path, start: float) -> None:
     found = answer(load_port_study(logged(fmus, lambda x, v: 0.0, start)))
     assert found.verdict == "none" and found.fitted is None
+
+
+def test_without_held_out_runs_the_answer_is_said_to_be_untested(fmus: Path) -> None:
+    study = load_port_study(logged(fmus, lambda x, v: 0.0))
+    found = answer(replace(study, runs=study.of(Role.TRAIN, Role.VALIDATION)))
+    assert found.verdict == "none" and found.probability <= 0.6 and found.held_out == []
+    assert any(one.startswith("No run is held out") for one in found.remarks)
+    text = text_of("one", found)
+    assert "the fitted runs: the residual is" in text and "held-out runs:" not in text
+    # Numbers that JSON lacks end no diagnosis.
+    data = DiagnosedSystem(study, replace(found, gap=math.inf)).data
+    assert data["held_out"]["gap_over_noise"] is None and json.dumps(data, allow_nan=False)
 
 
 def test_a_gain_that_drifts_is_read(fmus: Path, tmp_path: Path) -> None:

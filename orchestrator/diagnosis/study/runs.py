@@ -161,15 +161,15 @@ class _Run:
             return None
         wanted = {name: one for name, one in mapping.items() if name not in model.without}
         clock = None if "time" in self.columns.named else "run.step_size"
-        found = columns_of(
+        columns = columns_of(
             self.path, wanted, self.columns.units, self.columns.step, sheet.problems, self._part, clock,
             self.columns.gappy,
         )  # fmt: skip
-        if found is None:
+        if columns is None:
             return None
         stem = Path(self.path.name.removesuffix(".gz")).stem
-        logs = {Port.of(name): values for name, values in found.items() if name != "time"}
-        gaps = {port: np.isnan(values) for port, values in logs.items() if np.isnan(values).any()}
+        logs = {Port.of(name): log for name, log in columns.items() if name != "time"}
+        gaps = {port: np.isnan(log) for port, log in logs.items() if np.isnan(log).any()}
         for port, empty in gaps.items():
             rows = np.arange(len(empty))
             logs[port] = np.interp(rows, rows[~empty], logs[port][~empty])

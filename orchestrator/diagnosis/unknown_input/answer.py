@@ -53,6 +53,7 @@ class Answer:
         calibrated, remains: the same with calibrated parameters alone, and with the answer.
         closed: share of the gap closed on held-out runs. share: residual over the spread of the logs.
         units: of ports, by name. remarks: what the reader should know. seconds: taken.
+        held_out: names of the held-out runs; if there are none, the fitted runs stand in for them.
     """
 
     verdict: str
@@ -73,6 +74,7 @@ class Answer:
     units: dict[str, str] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     seconds: float = 0.0
+    held_out: list[str] = field(default_factory=list)
 
 
 def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -> Answer:
@@ -113,7 +115,8 @@ def _judged(
     """The answer, judged on held-out runs with all their samples."""
     best, found, _ = weighed[chosen]
     model.study = study
-    held = Runs(model, study.of(Role.HELDOUT) or study.of(Role.VALIDATION, Role.TRAIN))
+    unseen = study.of(Role.HELDOUT)
+    held = Runs(model, unseen or study.of(Role.VALIDATION, Role.TRAIN))
     gap = replayed(held, (), model.nominal, as_configured=True)
     calibrated = replayed(held, (), search.base.constants)
     judged = (
@@ -149,6 +152,10 @@ def _judged(
     probability = probability * share_among(best, search.twins)
     if elsewhere:
         probability = min(probability, _SOMEWHERE)
+    if not unseen:
+        probability = min(probability, 1.0 - _WRONG_FAR)
+        untested = "No run is held out, so that nothing tests the answer. "
+        remarks.append(f"{untested}Log one with the role held-out, or split one by `from` and `to`.")
     if verdict == "outside":
         probability = _OUTSIDE
     places, estimate = _estimate(search) if verdict == "outside" and model.filters else ([], None)
@@ -159,6 +166,7 @@ def _judged(
         verdict, named, probability, rivals, twins, parameters, places, estimate,
         gap.remains, calibrated.remains, remains, closed(gap.remains, remains), shares[0], traces,
         _experiments(search, weighed, chosen, separable) if verdict == "law" else [], units, remarks,
+        held_out=[run.name for run in unseen],
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from ...base.provenance import origin
 from ...plotting.figures import COLORS, svg
 from ...plotting.page import html
 from .answer import Answer
-from .report import data_of, headline
+from .report import data_of, headline, judged_on
 
 _MOST_POINTS = 3000
 
@@ -20,7 +20,7 @@ def page(name: str, found: Answer) -> str:
     """The page as HTML."""
     data = data_of(found)
     held = data["held_out"]
-    head = headline(found)
+    head, runs = headline(found), judged_on(found)
     lead = f"<p class=lead>{escape(head[:1].upper() + head[1:])}.</p>"
     body = [lead, html.aside("To consider", found.remarks)]
     if found.traces:
@@ -28,12 +28,12 @@ def page(name: str, found: Answer) -> str:
         body.append(
             html.figure(
                 svg(_traces(found), "traces"),
-                f"{trace['signal']} in {trace['run']}, the held-out run with the largest calibrated gap.",
+                f"{trace['signal']} in {trace['run']}, of {runs} the one with the largest calibrated gap.",
             )
         )
     body.append(
         html.table(
-            ["held-out runs", "residual over the noise"],
+            [runs, "residual over the noise"],
             [
                 ["as configured", held["gap_over_noise"]],
                 ["calibrated parameters", held["calibrated_over_noise"]],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -47,8 +48,17 @@ def _law_unit(unit: str, place: str, signal: str, second: str) -> str:
     return re.sub(r"\b([wuv])(?=\b|\d|\^)", lambda found: words[found[1]], unit)
 
 
+def finite(data: Any) -> Any:
+    """JSON data with null in place of numbers that JSON lacks, as of a run that the model leaves for good."""
+    if isinstance(data, dict):
+        return {key: finite(one) for key, one in data.items()}
+    if isinstance(data, list):
+        return [finite(one) for one in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data
+
+
 def data_of(found: Answer) -> dict[str, Any]:
-    """The answer as JSON data."""
+    """The answer as data, whose numbers may be infinite; see `finite`."""
     return {
         "format": "unknown-input/2",
         "verdict": found.verdict,
@@ -71,6 +81,7 @@ def data_of(found: Answer) -> dict[str, Any]:
         ],
         "places": [{"place": one.place.name, "gain_nats": round(float(one.gain), 1)} for one in found.places],
         "held_out": {
+            "runs": found.held_out,
             "gap_over_noise": found.gap,
             "calibrated_over_noise": found.calibrated,
             "remains_over_noise": found.remains,
@@ -102,7 +113,12 @@ def headline(found: Answer) -> str:
     chances = f"probability {chance:.0f} %" + (
         f"; {families} in any form: {whole:.0f} %" if whole > chance + 1 else ""
     )
-    return f"{laws} ({chances}); it closes {100 * found.closed:.0f} % of the gap on held-out runs"
+    return f"{laws} ({chances}); it closes {100 * found.closed:.0f} % of the gap on {judged_on(found)}"
+
+
+def judged_on(found: Answer) -> str:
+    """The runs by which the answer is judged."""
+    return "held-out runs" if found.held_out else "the fitted runs"
 
 
 def _family(found: Answer) -> float:
@@ -127,7 +143,7 @@ def text_of(name: str, found: Answer) -> str:
             for key, each in one["numbers"].items()
         ]
     lines.append(
-        f"  held-out runs: the residual is {found.gap:.3g} times the noise as configured, "
+        f"  {judged_on(found)}: the residual is {found.gap:.3g} times the noise as configured, "
         f"{found.calibrated:.3g} calibrated, {found.remains:.3g} with the answer"
     )
     others = [
