@@ -11,6 +11,7 @@ import pytest
 import yaml
 from scipy.integrate import solve_ivp
 
+from orchestrator.base.errors import ConfigError
 from orchestrator.diagnosis.study.checks import check_logs
 from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.unknown_input.law_fit import readable
@@ -50,6 +51,18 @@ end Rod;
 equation
   force = -stiffness*position - damping*velocity;
 end Hold;
+""",
+    "Sampled": """model Sampled
+  input Real position(unit="m");
+  output Real force(unit="N");
+protected
+  discrete Real value(start=0, fixed=true);
+equation
+  when sample(0, 0.02) then
+    value = -80*position;
+  end when;
+  force = value;
+end Sampled;
 """,
     "Switch": """model Switch
   input Real signal(unit="1");
@@ -159,3 +172,23 @@ def test_a_switch_that_is_late_is_no_outlier(fmus: Path) -> None:
         cleaned, remarks = without_outliers(model)
     (log,) = [values for port, values in cleaned.runs[0].logs.items() if port.variable == "output_"]
     assert np.flatnonzero(np.isnan(log)).tolist() == [500] and len(remarks) == 1
+
+
+def test_a_sampled_controller_is_simulated_with_its_ticks(fmus: Path) -> None:
+    """Unless its output is fed: then the other components have a state form."""
+    time = np.arange(0.0, 2.0, 0.01)
+    logs = {"time [s]": time, "position [m]": 0.01 * np.cos(7.0 * time), "force [N]": np.sin(time)}
+    system = {
+        "run": {"master": "gauss-seidel", "step_size": "10 ms", "stop_time": "1 s"},
+        "instances": {"rod": {"fmu": "Rod.fmu"}, "control": {"fmu": "Sampled.fmu"}},
+        "connections": ["rod.position -> control.position", "control.force -> rod.force"],
+    }  # fmt: skip
+    columns = {"rod.position": {"column": "position", "noise": "10 um", "feed": False}}
+    closed = load_port_study(written(fmus, system, logs, columns))
+    with pytest.raises(
+        ConfigError, match=r"control: its discrete variables value.*\n.*Feed all of its outputs"
+    ):
+        StateModel(closed)
+    fed = {"control.force": {"column": "force", "hold": True, "feed": True}}
+    with StateModel(load_port_study(written(fmus, system, logs, columns | fed))) as model:
+        assert "der(rod.velocity)" in {one.name for one in model.places()}

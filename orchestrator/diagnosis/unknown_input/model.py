@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.errors import ConfigError, Problem
+from ...base.errors import ConfigError, Problem, listed
 from ...fmi import Causality, CompiledFmu, Kind, Variability
 from ...system.connection import Connection, Port
 from ...system.system import Instance
@@ -163,6 +163,18 @@ class StateModel:
         variables = fmu.description.variables
         if any(state is None for state, _ in pairs) or (fmu.description.tool or "").startswith("PythonFMU"):
             problems.append(Problem(one.name, "the FMU names no continuous states", "", remedy))
+            return None
+        held = [
+            name for name, v in variables.items()
+            if v.variability is Variability.DISCRETE and v.causality in (Causality.OUTPUT, Causality.LOCAL)
+        ]  # fmt: skip
+        read = {port for leg in self.study.prepared.system.connections for port in leg.sources}
+        own = [port for port in {*read, *self.compared} if port.instance == one.name]
+        if held and not set(own) <= set(self.fed):
+            # Evaluations between events know neither ticks nor what variables were before.
+            what = f"its discrete variables {listed(held)} change at events only"
+            feed = "Feed all of its outputs, as signals with `hold: true`, to find laws in other components."
+            problems.append(Problem(one.name, what, "", feed))
             return None
         locked = [state.name for state, _ in pairs if state.initial not in ("exact", "approx")]
         if locked:
