@@ -7,15 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from orchestrator.base.errors import ConfigError
 from orchestrator.config import Places
-from orchestrator.diagnosis.rig import menu as menus
 from orchestrator.diagnosis.rig.catalogue import catalogue
 from orchestrator.diagnosis.rig.expected_evidence import chosen
 from orchestrator.diagnosis.rig.experiments import expected_evidence, next_experiment, posterior
 from orchestrator.diagnosis.rig.finding import Augmented
 from orchestrator.diagnosis.rig.fit import Fitter
-from orchestrator.diagnosis.rig.menu import MENU, Experiment, menu, menu_of
+from orchestrator.diagnosis.rig.menu import MENU, Experiment, menu_of
 from orchestrator.diagnosis.rig.predicted_runs import Chain, Trial
 from orchestrator.diagnosis.rig.study import Role, _experiments
 from orchestrator.diagnosis.rig.unsimulated_experiments import _ALONE
@@ -173,33 +171,6 @@ def test_a_candidate_has_no_evidence_over_itself():
         assert expected_evidence(study, experiment, one, one) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_packages_add_experiments(monkeypatch):
-    class Point:
-        name, value = "mine", "pkg:mine"
-
-        def __init__(self, one):
-            self.load = lambda: one
-
-    def offer(*ones):
-        menu.cache_clear()
-        monkeypatch.setattr(
-            "orchestrator.diagnosis.rig.catalogue.entry_points",
-            lambda group: [Point(one) for one in ones] if group == menus.ENTRY_POINTS else [],
-        )
-
-    own = Experiment("mine", "as I please", mass=300.0)
-    try:
-        offer(own)
-        assert menu() == (*MENU, own)
-        offer(own, own, 3)
-        with pytest.raises(ConfigError) as caught:
-            menu()
-        assert "experiment 'mine' exists already" in str(caught.value)
-        assert "is int" in str(caught.value)
-    finally:
-        menu.cache_clear()
-
-
 @pytest.mark.parametrize("wrong", [{"rod": 0.0}, {"ticks": 1}, {"levers": ()}, {"tracker": -1e-6}], ids=str)
 def test_impossible_experiments_are_refused(wrong):
     with pytest.raises(ValueError, match=r"experiment odd: rod .* needed: a positive rod"):
@@ -256,7 +227,7 @@ def test_a_study_names_experiments_of_its_own():
     study, ids, theta = lab(("sensor.gain",), (-0.1,)), ("sensor.gain",), (-0.1,)
     own = {"name": "soft and slow", "description": "ours", "rod": 0.1, "approach_speed": 0.01}
     listed = menu_of(replace(study, experiments=(own,)))
-    assert listed[:-1] == menu() and listed[-1] == Experiment(**own)
+    assert listed[:-1] == MENU and listed[-1] == Experiment(**own)
     hammer = {"name": "hammer", "description": "our own"}
     assert [one.name for one in menu_of(replace(study, experiments=(hammer,)))].count("hammer") == 1
     reported = next_experiment(

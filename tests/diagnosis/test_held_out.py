@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.rig.analyses import Analyses
 from orchestrator.diagnosis.rig.calibration import calibration
 from orchestrator.diagnosis.rig.catalogue import catalogue
 from orchestrator.diagnosis.rig.challenge.draw import Plan
@@ -156,5 +155,5 @@ def test_runs_that_alone_reach_a_limit_judge_nothing_and_the_diagnosis_says_so(s
     assert all(one.parts[:HALF] == one.parts[HALF:] for one in group.answers if one.fit is not None)
     alone = replace(study, runs=study.of(Role.TRAIN))
     assert weigh_rig(alone).unjudged == ""
-    reported = diagnose(study, parts=Analyses(weigh=lambda _: conclude([group], calibration())))
+    reported = diagnose(study, parts={"weigh": lambda _: conclude([group], calibration())})
     assert f"left out: judging by held out runs: {group.unjudged}" in text(reported)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -23,28 +22,12 @@ _PACKAGES = ("orchestrator", "numpy", "numba", "scipy", "pydantic")
 _SHOWN = 1e-6
 
 
-@dataclass(frozen=True)
-class AnalysisResults:
-    """Results of the analyses, see `verdict.Diagnosis`; `left_out` says why one has none.
-
-    Attributes:
-        where: shares of the gap by place.
-    """
-
-    where: Mapping[str, float] = field(default_factory=dict)
-    ledger: Any = ()
-    energy: Mapping[str, Any] = field(default_factory=dict)
-    how_far: Any = None
-    next_experiment: Any = None
-    numerics: Any = None
-    left_out: Mapping[str, str] = field(default_factory=dict)
-
-
 def content(
     case: str,
     finding: Finding,
     nominal: Mapping[str, Nominal],
-    results: AnalysisResults,
+    results: Mapping[str, Any],
+    left_out: Mapping[str, str],
     warned: list[Warned],
     augmented: Runnable | None,
     origins: Mapping[str, Any],
@@ -52,20 +35,21 @@ def content(
     """A diagnosis as it is written.
 
     Args:
+        results: of the analyses by name, see `verdict.Diagnosis`; left_out: why others have none.
         nominal: all that is calibrated; what has no tolerance is left out.
         warned: what a reader should know of the logs; origins: see `provenance`.
     Raises: OrchestratorError if parts of it contradict each other.
     """
     which = _which(finding)
-    shares = sorted(results.where.items(), key=lambda item: -item[1])
+    others = {name: one for name, one in results.items() if name != "where"}
+    shares = sorted(results.get("where", {}).items(), key=lambda item: -item[1])
     plain = strict(
         {
-            "ledger": results.ledger,
-            "energy": results.energy,
-            "how_far": results.how_far,
-            "next_experiment": results.next_experiment,
-            "numerics": results.numerics,
-            "left_out": results.left_out,
+            "how_far": None,
+            "next_experiment": None,
+            "numerics": None,
+            **others,
+            "left_out": left_out,
             "answer_set": finding.answer_set,
             "misfit": finding.misfit,
             "calibration": _calibration(finding, nominal),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -12,10 +13,9 @@ from ...base.atomic_files import write_text
 from ...base.errors import ConfigError
 from ...simulation.run_folder import folder_at
 from ..study.mistakes import Warned
-from .analyses import Analyses
 from .augmented import AugmentedConfig, augmented_config, is_docking_lab
 from .checks import check_logs
-from .content import AnalysisResults, content, named_files, provenance
+from .content import content, named_files, provenance
 from .diagnosed import Diagnosed
 from .finding import Finding
 from .study import Role, Study, case_file, load_study
@@ -23,6 +23,15 @@ from .verdict import AUGMENTED, NAME, PAGE, Diagnosis, Runnable
 
 # What a diagnosis writes.
 _FILES = (NAME, PAGE, AUGMENTED)
+# Analyses by stage: modules, which bring machine code along, and their functions; all but `weigh` receive the
+# finding, too.
+_ANALYSES = {
+    "weigh": ("weigh:weigh",),
+    "where": ("shapley:where", "residual_ledger:ledger", "energy:energy"),
+    "how far": ("closure:how_far",),
+    "what next": ("experiments:next_experiment",),
+    "numerics": ("numerics:numerics",),
+}
 # What runs that no fit saw say about something outside the catalogue.
 _JUDGED = "judging_by_held_out_runs"
 
@@ -33,7 +42,7 @@ def diagnose(
     study: Study | Path | str,
     out: Path | str | None = None,
     *,
-    parts: Analyses | None = None,
+    parts: Mapping[str, Callable[..., Any]] | None = None,
     report: bool = True,
     progress: Report = lambda stage: None,
 ) -> Diagnosed:
@@ -42,7 +51,7 @@ def diagnose(
     Args:
         study: or the folder of a case, or its study.yaml.
         out: folder to write to; nothing is written without it.
-        parts: the analyses; all of this package by default.
+        parts: the analyses by name; those of this package by default.
         report: whether to write the page, too.
         progress: receives the name of each stage as it begins.
     Raises: ConfigError with all problems of the study and its logs; OrchestratorError if an analysis fails.
@@ -56,9 +65,9 @@ def diagnose(
     if refused:
         raise ConfigError(refused)
     progress("weigh")
-    parts = parts or Analyses.standard()
-    finding = parts.weigh(study)
-    results = _analysed(parts, study, finding, progress)
+    parts = parts or _analyses()
+    finding = parts["weigh"](study)
+    results, left_out = _analysed(parts, study, finding, progress)
     config = augmented_config(study, finding) if is_docking_lab(study) else None
     augmented = None
     if config is not None:
@@ -66,7 +75,7 @@ def diagnose(
         augmented = Runnable(file=AUGMENTED, run=config.run, changed=changed, left_out=missing)
     known = [Warned(place=one.place, what=one.what, remedy=one.remedy or one.allowed) for one in warned]
     origins = provenance({} if source is None else _files(study, source))
-    diagnosis = content(study.name, finding, study.nominal, results, known, augmented, origins)
+    diagnosis = content(study.name, finding, study.nominal, results, left_out, known, augmented, origins)
     progress("write")
     if out is None:
         return Diagnosed(study, finding, diagnosis)
@@ -75,33 +84,28 @@ def diagnose(
     return Diagnosed(study, finding, diagnosis, folder, files)
 
 
-def _analysed(parts: Analyses, study: Study, finding: Finding, progress: Report) -> AnalysisResults:
-    """Results of all analyses of a finding."""
+def _analyses() -> dict[str, Callable[..., Any]]:
+    """The analyses of this package by name."""
+    homes = [home.partition(":") for some in _ANALYSES.values() for home in some]
+    return {name: getattr(import_module(f".{module}", __package__), name) for module, _, name in homes}
+
+
+def _analysed(
+    parts: Mapping[str, Callable[..., Any]], study: Study, finding: Finding, progress: Report
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Results of the analyses of a finding, and why others have none."""
     found: dict[str, Any] = {}
     left_out = {_JUDGED: finding.unjudged} if finding.unjudged else {}
-    for stage, analyses in (
-        ("where", ("where", "ledger", "energy")),
-        ("how far", ("how_far",)),
-        ("what next", ("next_experiment",)),
-        ("numerics", ("numerics",)),
-    ):
+    for stage, homes in _ANALYSES.items():
+        if stage == "weigh":
+            continue
         progress(stage)
-        for name in analyses:
-            reason = _missing(name, getattr(parts, name), study)
-            if reason:
-                left_out[name] = reason
-            else:
-                found[name] = getattr(parts, name)(study, finding)
-    return AnalysisResults(**found, left_out=left_out)
-
-
-def _missing(name: str, part: Callable[..., Any] | None, study: Study) -> str:
-    """Why an analysis cannot be made; "" if it can."""
-    if part is None:
-        return "this installation has no such analysis"
-    if name in ("where", "how_far") and not study.of(Role.HELDOUT):
-        return "no run has the role heldout"
-    return ""
+        for name in (home.partition(":")[2] for home in homes):
+            if name in ("where", "how_far") and not study.of(Role.HELDOUT):
+                left_out[name] = "no run has the role heldout"
+            elif name in parts:
+                found[name] = parts[name](study, finding)
+    return found, left_out
 
 
 def _files(study: Study, source: Path) -> dict[str, Path]:

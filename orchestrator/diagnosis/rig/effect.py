@@ -171,7 +171,7 @@ class Effect:
 
     Attributes:
         id: place and name, as in `contact.hertz`.
-        words: what it is, without a full stop; of an effect that has none, its equation says it.
+        words: what it is, without a full stop.
         equation: the law in plain text.
         source: where it stands in the literature.
         parameters: see `Parameter`.

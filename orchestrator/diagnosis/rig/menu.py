@@ -5,17 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
-from ...base.errors import ConfigError, Problem
-from .catalogue import installed
 from .effect import Effect, Parameter, Site, law
 from .study import Array, Study
-
-# A package adds an experiment by an entry point of this group that names an Experiment.
-ENTRY_POINTS = "orchestrator.diagnosis.rig.experiments"
 
 _FLIGHT_STROKE = 0.003  # within the walls of the rig
 _ACCELERATION = 2.0  # that its robot follows [m/s2]
@@ -146,27 +140,7 @@ MENU = (
 )
 
 
-@lru_cache(maxsize=1)
-def menu() -> tuple[Experiment, ...]:
-    """The menu and the experiments of installed packages.
-
-    Raises: ConfigError if an entry point does not give an Experiment, or two share a name.
-    """
-    problems: list[Problem] = []
-    found = {one.name: one for one in MENU}
-    for place, one in installed(ENTRY_POINTS, Experiment, problems):
-        if one.name in found:
-            problems.append(Problem(place, f"experiment {one.name!r} exists already", "a name of its own"))
-        found[one.name] = one
-    if problems:
-        raise ConfigError(problems)
-    return tuple(found.values())
-
-
 def menu_of(study: Study) -> tuple[Experiment, ...]:
-    """The menu, and after it a study's own experiments; one of the same name takes the other's place.
-
-    Raises: ConfigError as `menu`.
-    """
+    """The menu, and after it a study's own experiments; one of the same name takes the other's place."""
     own = {one["name"]: Experiment(**one) for one in study.experiments}
-    return tuple(({one.name: one for one in menu()} | own).values())
+    return tuple(({one.name: one for one in MENU} | own).values())

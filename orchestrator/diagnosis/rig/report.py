@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 
 from ...plotting.page import aside, bar, card, details, document, figure, note, number, provenance, table
-from .catalogue import catalogue, in_words
+from .catalogue import catalogue
 from .caveats import caveats
 from .effect import Effect
 from .figures import figure_of
@@ -108,8 +108,7 @@ def _in_words(effect: Effect, parameters: Mapping[str, float]) -> str:
         if value is not None:
             unit = "" if one.unit in ("", "1") else f" {one.unit}"
             fitted.append(f"{one.name} {value:.4g}{unit}")
-    described = in_words(effect)
-    return f"{described} ({', '.join(fitted)})" if fitted else described
+    return f"{effect.words} ({', '.join(fitted)})" if fitted else effect.words
 
 
 def _where(diagnosis: Diagnosis) -> str:
