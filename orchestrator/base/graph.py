@@ -59,13 +59,19 @@ def strong_components(successors: Successors) -> list[list[int]]:
     return components
 
 
-def stable_order(successors: Successors) -> tuple[int, ...]:
-    """Topological order; nodes that no edge orders, and those of one cycle, stay in ascending order."""
+def _homes(successors: Successors) -> tuple[list[list[int]], list[int]]:
+    """Strong components, and per node the number of its own."""
     components = strong_components(successors)
     home = [0] * len(successors)
     for index, component in enumerate(components):
         for node in component:
             home[node] = index
+    return components, home
+
+
+def stable_order(successors: Successors) -> tuple[int, ...]:
+    """Topological order; nodes that no edge orders, and those of one cycle, stay in ascending order."""
+    components, home = _homes(successors)
     waiting = [0] * len(components)
     for node, below in enumerate(successors):
         for other in below:
@@ -88,11 +94,7 @@ def stable_order(successors: Successors) -> tuple[int, ...]:
 
 def levels(successors: Successors) -> list[int]:
     """Per node, the length of the longest path that leads to it; nodes of one cycle count as one."""
-    components = strong_components(successors)
-    home = [0] * len(successors)
-    for index, component in enumerate(components):
-        for node in component:
-            home[node] = index
+    components, home = _homes(successors)
     level = [0] * len(components)
     for index in reversed(range(len(components))):  # Tarjan's algorithm finds what is last first
         for node in components[index]:

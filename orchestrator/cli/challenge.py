@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
-from typing import Any
 
 from ..base.errors import ConfigError, Interrupted, Problem
 from ..config import load_config
 from ..results.file_formats import strict
 from ..results.progress import counting
-from .arguments import one_matrix_thread
+from .arguments import one_matrix_thread, print_json
 
 _DESCRIPTION = """Check diagnosis blind. `challenge CONFIG` and `challenge --random SEED` hide laws in a copy
 of a system that an independent solver integrates, search its logs as `diagnose` does, and
@@ -149,17 +147,10 @@ def _system(args: argparse.Namespace) -> int:
     with _bar(args.count, "challenge", not args.json) as progress:
         found = check(order, _jobs(args), progress)
     status = 1 if found["counts"]["failed"] else 0
-    if not _print_if_json(args, {"exit_code": status, "folder": str(args.out), "summary": found}):
+    if not print_json(args, strict({"exit_code": status, "folder": str(args.out), "summary": found})):
         print(summary_text(found), end="")
         print(f"Written to {args.out / 'summary.md'}")
     return status
-
-
-def _print_if_json(args: argparse.Namespace, data: Mapping[str, Any]) -> bool:
-    """Print JSON in one line, if that is asked for. Returns: whether it is."""
-    if args.json:
-        print(json.dumps(strict(data), allow_nan=False, ensure_ascii=False))
-    return args.json
 
 
 @contextmanager
@@ -193,7 +184,7 @@ def _make(args: argparse.Namespace) -> int:
                 "at the end alone: they can be diagnosed, not scored\n  Make them again in a new folder."
             ) from None
     report = {"folder": args.folder, "cases": order.cases, "sealed": SEALED, "sha256": digest}
-    if _print_if_json(args, {"exit_code": 0, **report}):
+    if print_json(args, strict({"exit_code": 0, **report})):
         return 0
     print(f"{_cases(order.cases)} in {args.folder}; the truth is sealed in {SEALED}, SHA-256 {digest}")
     return 0
@@ -208,7 +199,7 @@ def _run(args: argparse.Namespace) -> int:
     status = 1 if failed else 0
     errors = [{"case": name, "message": error} for name, error in failed]
     report = {"exit_code": status, "verdicts": str(verdicts), "diagnosed": done, "failed": errors}
-    if not _print_if_json(args, report):
+    if not print_json(args, strict(report)):
         print(f"{_cases(done)} diagnosed; verdicts in {verdicts}")
     for name, error in failed:
         print(f"orchestrator: {name}: {error}", file=sys.stderr)
@@ -221,7 +212,7 @@ def _score(args: argparse.Namespace) -> int:
     out = Path(args.verdicts)
     found = score(Path(args.folder), out)
     write_score(out / "score.json", found)
-    if _print_if_json(args, {"exit_code": 0, "file": str(out / "score.json"), "score": found}):
+    if print_json(args, strict({"exit_code": 0, "file": str(out / "score.json"), "score": found})):
         return 0
     print(score_text(found))
     print(f"Written to {out / 'score.json'}")

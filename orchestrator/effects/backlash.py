@@ -41,5 +41,4 @@ class Backlash(Effect):
         return y
 
     def room(self, step_size: float | None) -> int:
-        """See Effect.room."""
         return 2

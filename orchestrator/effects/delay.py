@@ -115,7 +115,6 @@ class Delay(Effect):
         return earlier(time, x[0], options[0], options[0], options[1] != 0.0, options[2], memory, commit)
 
     def room(self, step_size: float | None) -> int:
-        """See Effect.room."""
         count = FEWEST if step_size is None else max(FEWEST, math.ceil(self.time / step_size) + 4)
         return 3 + 2 * count
 
@@ -124,7 +123,6 @@ class Delay(Effect):
         return memory if memory[0] < (len(memory) - 3) // 2 else self.enlarged(memory)
 
     def enlarged(self, memory: Array) -> Array:
-        """See Effect.enlarged."""
         return enlarged(memory)
 
     def passes_at_once(self, step_size: float | None) -> bool:

@@ -31,5 +31,4 @@ class Drift(Effect):
         return x[0] + options[0] * (time - start)
 
     def room(self, step_size: float | None) -> int:
-        """See Effect.room."""
         return 2

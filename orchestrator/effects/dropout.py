@@ -31,7 +31,6 @@ class Dropout(Seeded):
     )
 
     def numbers(self) -> list[float]:
-        """See Effect.numbers."""
         return [self.probability, self.period, self.phase, *self.key()]
 
     @staticmethod
@@ -61,9 +60,7 @@ class Dropout(Seeded):
         return y
 
     def room(self, step_size: float | None) -> int:
-        """See Effect.room."""
         return 4
 
     def smooth(self) -> bool:
-        """See Effect.smooth."""
         return self.probability == 0.0

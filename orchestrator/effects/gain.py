@@ -31,12 +31,10 @@ class Gain(Effect):
 
     @staticmethod
     def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
-        """See Effect.kernel."""
         return x[0] * options[0]
 
     @classmethod
     def prepare(cls, options: dict[str, Any], measure: Measure, place: Any) -> list[Problem]:
-        """See Effect.prepare."""
         try:
             if "factor" in options and "unit" not in options:
                 options["factor"], options["unit"] = split(options["factor"])
@@ -45,11 +43,9 @@ class Gain(Effect):
         return []
 
     def numbers(self) -> list[float]:
-        """See Effect.numbers."""
         return [self.factor]
 
     def outgoing(self, measure: Measure) -> Measure | str:
-        """See Effect.outgoing."""
         unit = parse_unit(self.unit)
         if unit == ONE:
             return measure
@@ -63,5 +59,4 @@ class Gain(Effect):
         return times_unit(measure, unit)
 
     def nominal(self, nominal: float) -> float:
-        """See Effect.nominal."""
         return nominal * abs(self.factor) or nominal

@@ -31,7 +31,6 @@ class Jitter(Seeded):
     )
 
     def numbers(self) -> list[float]:
-        """See Effect.numbers."""
         return [self.jitter, self.period, self.phase, *self.key()]
 
     @staticmethod
@@ -51,18 +50,14 @@ class Jitter(Seeded):
         return y
 
     def room(self, step_size: float | None) -> int:
-        """See Effect.room."""
         count = FEWEST if step_size is None else max(FEWEST, math.ceil(self.jitter / step_size) + 4)
         return 4 + 2 * count
 
     def grown(self, memory: Array) -> Array:
-        """See Effect.grown."""
         return memory if memory[0] < (len(memory) - 3) // 2 else self.enlarged(memory)
 
     def enlarged(self, memory: Array) -> Array:
-        """See Effect.enlarged."""
         return enlarged(memory)
 
     def smooth(self) -> bool:
-        """See Effect.smooth."""
         return self.jitter == 0.0

@@ -29,7 +29,6 @@ class LowPass(Effect):
 
     @classmethod
     def prepare(cls, options: dict[str, Any], measure: Measure, place: Any) -> list[Problem]:
-        """See Effect.prepare."""
         if (options.get("cutoff") is None) == (options.get("time_constant") is None):
             return [Problem(place(""), "low-pass takes either a cutoff or a time_constant")]
         return []
@@ -61,5 +60,4 @@ class LowPass(Effect):
         return y
 
     def room(self, step_size: float | None) -> int:
-        """See Effect.room."""
         return 4

@@ -24,7 +24,6 @@ class Map(Effect):
 
     @classmethod
     def prepare(cls, options: dict[str, Any], measure: Measure, place: Any) -> list[Problem]:
-        """See Effect.prepare."""
         table = options.get("table")
         seen = set()
         for entry in table if isinstance(table, list) else ():
@@ -42,16 +41,13 @@ class Map(Effect):
         return [_pair(entry) for entry in self.table]
 
     def numbers(self) -> list[float]:
-        """See Effect.numbers."""
         return [number for pair in self.pairs() for number in pair]
 
     def smooth(self) -> bool:
-        """See Effect.smooth."""
         return not self.table
 
     @staticmethod
     def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
-        """See Effect.kernel."""
         for place in range(0, len(options), 2):
             if x[0] == options[place]:
                 return options[place + 1]

@@ -34,7 +34,6 @@ class Noise(Seeded):
     )
 
     def numbers(self) -> list[float]:
-        """See Effect.numbers."""
         return [self.deviation, self.period, *self.key(), self.correlation]
 
     @staticmethod
@@ -66,9 +65,7 @@ class Noise(Seeded):
         return x[0] + options[0] * value
 
     def room(self, step_size: float | None) -> int:
-        """See Effect.room."""
         return 4
 
     def smooth(self) -> bool:
-        """See Effect.smooth."""
         return self.deviation == 0.0

@@ -21,7 +21,6 @@ class Offset(Effect):
 
     @staticmethod
     def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
-        """See Effect.kernel."""
         if options[0] == 0.0:
             return x[0]  # -0.0 + 0.0 is +0.0
         return x[0] + options[0]

@@ -22,7 +22,6 @@ class Quantise(Effect):
 
     @staticmethod
     def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
-        """See Effect.kernel."""
         if options[0] == 0.0:
             return x[0]
         count = x[0] / options[0] + 0.5
@@ -31,5 +30,4 @@ class Quantise(Effect):
         return options[0] * float(math.floor(count))
 
     def smooth(self) -> bool:
-        """See Effect.smooth."""
         return self.resolution == 0.0

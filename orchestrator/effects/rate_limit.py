@@ -34,5 +34,4 @@ class RateLimit(Effect):
         return y
 
     def room(self, step_size: float | None) -> int:
-        """See Effect.room."""
         return 3

@@ -42,9 +42,7 @@ class Relay(Effect):
         return sign * options[0]
 
     def room(self, step_size: float | None) -> int:
-        """See Effect.room."""
         return 1
 
     def smooth(self) -> bool:
-        """See Effect.smooth."""
         return self.level == 0.0

@@ -61,9 +61,7 @@ class SampleAndHold(Effect):
         return y
 
     def room(self, step_size: float | None) -> int:
-        """See Effect.room."""
         return 6
 
     def smooth(self) -> bool:
-        """See Effect.smooth."""
         return self.period == 0.0

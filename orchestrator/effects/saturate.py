@@ -26,7 +26,6 @@ class Saturate(Effect):
 
     @staticmethod
     def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
-        """See Effect.kernel."""
         if x[0] < options[0]:
             return options[0]
         if x[0] > options[1]:

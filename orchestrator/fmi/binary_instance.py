@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from ctypes import byref, c_double, c_int, c_uint
+from ctypes import byref, c_double, c_int, c_size_t, c_uint, c_void_p
 from pathlib import Path
 from time import sleep
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, ClassVar, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -287,3 +287,50 @@ class CompiledInstance(Values):
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name} of {self.path.name}>"
+
+
+class StatefulInstance(CompiledInstance):
+    """An instance of a version of FMI that has saved states.
+
+    Attributes:
+        _SAVE, _RESTORE, _DROP, _SIZE, _WRITE, _READ: the version's functions for them.
+        _BYTE: its type of a byte; _FLAGS: what declares that states can be saved, and serialised.
+    """
+
+    _SAVE = _RESTORE = _DROP = _SIZE = _WRITE = _READ = ""
+    _BYTE: ClassVar[Any]
+    _FLAGS: ClassVar[tuple[str, str]]
+
+    def save_state(self) -> c_void_p:
+        """See FmuInstance.save_state."""
+        self._need("save_state", self._FLAGS[0])
+        state = c_void_p()
+        self._call(self._SAVE, byref(state))
+        self._saved_states += 1
+        return state
+
+    def restore_state(self, state: c_void_p) -> None:
+        """See FmuInstance.restore_state."""
+        self._call(self._RESTORE, state)
+
+    def free_state(self, state: c_void_p) -> None:
+        """See FmuInstance.free_state."""
+        self._call(self._DROP, byref(state))
+        self._saved_states -= 1
+
+    def serialise_state(self, state: c_void_p) -> bytes:
+        """See FmuInstance.serialise_state."""
+        self._need("serialise_state", self._FLAGS[1])
+        size = c_size_t()
+        self._call(self._SIZE, state, byref(size))
+        buffer = (self._BYTE * size.value)()
+        self._call(self._WRITE, state, buffer, size)
+        return bytes(buffer)
+
+    def deserialise_state(self, data: bytes) -> c_void_p:
+        """See FmuInstance.deserialise_state."""
+        self._need("serialise_state", self._FLAGS[1])
+        state = c_void_p()
+        self._call(self._READ, (self._BYTE * len(data)).from_buffer_copy(data), len(data), byref(state))
+        self._saved_states += 1
+        return state

@@ -46,7 +46,6 @@ class Fmi1Base(CompiledInstance):
         self._find_functions()
 
     def reset(self) -> None:
-        """See CompiledInstance.reset."""
         super().reset()
         self._started, self._initialised = None, False
 

@@ -6,18 +6,17 @@ from ctypes import (
     CFUNCTYPE,
     addressof,
     byref,
+    c_char,
     c_char_p,
     c_double,
     c_int,
-    c_size_t,
     c_void_p,
     cast,
-    create_string_buffer,
 )
 from typing import Any
 
 from ..base.errors import StepError
-from .binary_instance import PENDING, CompiledInstance, NativeCalls
+from .binary_instance import PENDING, NativeCalls, StatefulInstance
 from .instance import Array, Point, StepStatus
 from .library import callbacks_for
 from .variable import Variable
@@ -32,11 +31,15 @@ _TYPES = {
 _DISCARD, _TERMINATED = 2, 3
 
 
-class Fmi2Instance(CompiledInstance):
+class Fmi2Instance(StatefulInstance):
     """A running FMI 2.0 FMU."""
 
     _EXIT, _TERMINATE, _FREE = "fmi2ExitInitializationMode", "fmi2Terminate", "fmi2FreeInstance"
     _RESET, _BEND = "fmi2Reset", "fmi2SetRealInputDerivatives"
+    _SAVE, _RESTORE, _DROP = "fmi2GetFMUstate", "fmi2SetFMUstate", "fmi2FreeFMUstate"
+    _SIZE, _WRITE = "fmi2SerializedFMUstateSize", "fmi2SerializeFMUstate"
+    _READ, _BYTE = "fmi2DeSerializeFMUstate", c_char
+    _FLAGS = "canGetAndSetFMUstate", "canSerializeFMUstate"
     _STATUS, _REAL_STATUS, _BOOLEAN_STATUS = "fmi2GetStatus", "fmi2GetRealStatus", "fmi2GetBooleanStatus"
 
     def _instantiate(self) -> None:
@@ -74,7 +77,6 @@ class Fmi2Instance(CompiledInstance):
         return self.judge_step(status, point)
 
     def native_calls(self) -> NativeCalls | None:
-        """See CompiledInstance.native_calls."""
         if self.run_options.event_mode or not self._moves_plainly():
             return None
         return NativeCalls(
@@ -94,7 +96,6 @@ class Fmi2Instance(CompiledInstance):
         return cast(self._slave._functions.get(name), c_void_p).value or 0
 
     def judge_step(self, status: int, point: Point) -> StepStatus:
-        """See CompiledInstance.judge_step."""
         if status <= 1:
             return StepStatus.WARNING if status else StepStatus.OK
         if status == _DISCARD:
@@ -130,37 +131,3 @@ class Fmi2Instance(CompiledInstance):
         self, unknowns: Any, counts: tuple[int, int], knowns: Any, seed: Any, answer: Any
     ) -> None:
         self._call("fmi2GetDirectionalDerivative", unknowns, counts[0], knowns, counts[1], seed, answer)
-
-    def save_state(self) -> c_void_p:
-        """See FmuInstance.save_state."""
-        self._need("save_state", "canGetAndSetFMUstate")
-        state = c_void_p()
-        self._call("fmi2GetFMUstate", byref(state))
-        self._saved_states += 1
-        return state
-
-    def restore_state(self, state: c_void_p) -> None:
-        """See FmuInstance.restore_state."""
-        self._call("fmi2SetFMUstate", state)
-
-    def free_state(self, state: c_void_p) -> None:
-        """See FmuInstance.free_state."""
-        self._call("fmi2FreeFMUstate", byref(state))
-        self._saved_states -= 1
-
-    def serialise_state(self, state: c_void_p) -> bytes:
-        """See FmuInstance.serialise_state."""
-        self._need("serialise_state", "canSerializeFMUstate")
-        size = c_size_t()
-        self._call("fmi2SerializedFMUstateSize", state, byref(size))
-        buffer = create_string_buffer(size.value)
-        self._call("fmi2SerializeFMUstate", state, buffer, size)
-        return buffer.raw
-
-    def deserialise_state(self, data: bytes) -> c_void_p:
-        """See FmuInstance.deserialise_state."""
-        self._need("serialise_state", "canSerializeFMUstate")
-        state = c_void_p()
-        self._call("fmi2DeSerializeFMUstate", create_string_buffer(data, len(data)), len(data), byref(state))
-        self._saved_states += 1
-        return state

@@ -31,7 +31,7 @@ from ctypes import (
 from typing import Any
 
 from ..base.errors import StepError
-from .binary_instance import MOST_ITERATIONS, CompiledInstance, NativeCalls
+from .binary_instance import MOST_ITERATIONS, NativeCalls, StatefulInstance
 from .instance import Array, Point, StepStatus
 from .intermediate import Intermediate, Watcher
 from .variable import Kind, Value, Variable
@@ -52,11 +52,15 @@ _MOST_RETURNS = 10_000
 _CLOSE = 1e-9
 
 
-class Fmi3Instance(CompiledInstance):
+class Fmi3Instance(StatefulInstance):
     """A running FMI 3.0 FMU."""
 
     _EXIT, _TERMINATE, _FREE = "fmi3ExitInitializationMode", "fmi3Terminate", "fmi3FreeInstance"
     _INSTANTIATE, _RESET = "fmi3InstantiateCoSimulation", "fmi3Reset"
+    _SAVE, _RESTORE, _DROP = "fmi3GetFMUState", "fmi3SetFMUState", "fmi3FreeFMUState"
+    _SIZE, _WRITE = "fmi3SerializedFMUStateSize", "fmi3SerializeFMUState"
+    _READ, _BYTE = "fmi3DeserializeFMUState", c_uint8
+    _FLAGS = "canGetAndSetFMUState", "canSerializeFMUState"
     _stepping = False
     # Whether the FMU asked to end the simulation when its inputs changed, or at the start.
     _wants_end = False
@@ -157,7 +161,6 @@ class Fmi3Instance(CompiledInstance):
             self._stepping = True
 
     def reset(self) -> None:
-        """See CompiledInstance.reset."""
         super().reset()
         self._stepping = self._wants_end = False
 
@@ -260,7 +263,6 @@ class Fmi3Instance(CompiledInstance):
         raise self._unsettled("fmi3UpdateDiscreteStates")
 
     def native_calls(self) -> NativeCalls | None:
-        """See CompiledInstance.native_calls."""
         watched = self._intermediate is not None and self._intermediate.watcher is not None
         if self.run_options.event_mode or watched or not self._moves_plainly():
             return None
@@ -276,7 +278,6 @@ class Fmi3Instance(CompiledInstance):
         )
 
     def judge_step(self, status: int, point: Point) -> StepStatus:
-        """See CompiledInstance.judge_step."""
         judged = self._judge(status)
         if (
             judged <= StepStatus.WARNING
@@ -314,37 +315,6 @@ class Fmi3Instance(CompiledInstance):
         name = "fmi3GetDirectionalDerivative"
         self._call(name, unknowns, rows, knowns, columns, seed, columns, answer, rows)
 
-    def save_state(self) -> c_void_p:
-        """See FmuInstance.save_state."""
-        self._need("save_state", "canGetAndSetFMUState")
-        state = c_void_p()
-        self._call("fmi3GetFMUState", byref(state))
-        self._saved_states += 1
-        return state
-
     def restore_state(self, state: c_void_p) -> None:
-        """See FmuInstance.restore_state."""
-        self._call("fmi3SetFMUState", state)
+        super().restore_state(state)
         self._wants_end = False
-
-    def free_state(self, state: c_void_p) -> None:
-        """See FmuInstance.free_state."""
-        self._call("fmi3FreeFMUState", byref(state))
-        self._saved_states -= 1
-
-    def serialise_state(self, state: c_void_p) -> bytes:
-        """See FmuInstance.serialise_state."""
-        self._need("serialise_state", "canSerializeFMUState")
-        size = c_size_t()
-        self._call("fmi3SerializedFMUStateSize", state, byref(size))
-        buffer = (c_uint8 * size.value)()
-        self._call("fmi3SerializeFMUState", state, buffer, size)
-        return bytes(buffer)
-
-    def deserialise_state(self, data: bytes) -> c_void_p:
-        """See FmuInstance.deserialise_state."""
-        self._need("serialise_state", "canSerializeFMUState")
-        state = c_void_p()
-        self._call("fmi3DeserializeFMUState", (c_uint8 * len(data))(*data), len(data), byref(state))
-        self._saved_states += 1
-        return state

@@ -126,7 +126,6 @@ class Exchange(CompiledInstance):
         return stop
 
     def reset(self) -> None:
-        """See CompiledInstance.reset."""
         self._drop_integrator()
         self._running, self._wants_end, self._sent = False, False, None
         self._curves.hold()

@@ -22,6 +22,7 @@ from ..base.arrays import Array, Complex
 from ..base.errors import ConfigError, OrchestratorError, Problem
 from ..base.quantities import Measure, quantity
 from ..base.units import parse_unit
+from ..fmi import Value
 from ..simulation.run import Prepared, prepare
 from .chart_report import Chart
 from .delay_system import DelaySystem
@@ -130,13 +131,14 @@ def config_chart(
         found = chart_of(
             lambda a, b: linearise(prepared((x, a), (y, b)), at_time=at_time).system, *spans, points or 200
         )
-    here = tuple(_here(prepare(config, overrides), one) for one in (x, y))
-    known = None if None in here else here
-    return replace(found, x_name=x.path, y_name=y.path, x_unit=x.unit, y_unit=y.unit, here=known)
+    at, beside = (_here(prepare(config, overrides), one) for one in (x, y))
+    here = None if at is None or beside is None else (at, beside)
+    return replace(found, x_name=x.path, y_name=y.path, x_unit=x.unit, y_unit=y.unit, here=here)
 
 
 def _here(prepared: Prepared, one: ParameterRange) -> float | None:
     """The value that a config has, in the unit of a range; None if it is no start value and not the step."""
+    value: Value | None
     if one.path == STEP:
         value, unit = float(prepared.grid.step_size), "s"
     else:
@@ -145,24 +147,24 @@ def _here(prepared: Prepared, one: ParameterRange) -> float | None:
         if instance is None or variable not in instance.fmu.description.variables:
             return None
         declared = instance.variable(variable)
-        value = instance.start.get(variable, declared.start)
+        value = instance.start[variable] if variable in instance.start else declared.start
         unit = declared.unit_name or ""
         if not isinstance(value, int | float):
             return None
     if one.unit in ("", unit):
         return float(value)
-    scale = [
+    none, unity = (
         quantity("", Measure(unit, parse_unit(unit)), f"{factor!r} {one.unit}", one.path)
         for factor in (0.0, 1.0)
-    ]
-    if any(isinstance(each, Problem) for each in scale):
+    )
+    if isinstance(none, Problem) or isinstance(unity, Problem):
         return None
-    return (float(value) - scale[0]) / (scale[1] - scale[0])
+    return (float(value) - none) / (unity - none)
 
 
-def _look(roots: Complex, slopes: Array | None = None) -> Look:
+def _look(roots: NDArray[np.inexact[Any]], slopes: Array | None = None) -> Look:
     """How many of all roots grow, and the rightmost."""
-    size = np.max(abs(roots), initial=0.0)
+    size = float(abs(roots).max(initial=0.0))
     # Integrators' roots are 0 to rounding.
     moving = np.flatnonzero(abs(roots) > 1e-9 * size)
     if not moving.size:
@@ -173,7 +175,7 @@ def _look(roots: Complex, slopes: Array | None = None) -> Look:
     return Look(
         growing,
         complex(first.real, abs(first.imag)),
-        roots[chosen].real,
+        np.asarray(roots[chosen].real, np.float64),
         None if slopes is None else slopes[chosen],
     )
 
@@ -314,12 +316,13 @@ class _Grid:
         """Whether stability may change within a cell whose corners agree."""
         corners = [self.look(*one, slopes=True) for one in _ring(*cell, size)]
         stable = corners[0].unstable == 0
-        if any(one.slopes is None for one in corners):
+        slopes = [one.slopes for one in corners if one.slopes is not None]
+        if len(slopes) < len(corners):
             levels = [one.root.real for one in corners]
             reach = 0.5 * (max(levels) - min(levels))
             return max(levels) + reach > 0.0 if stable else min(levels) - reach < 0.0
-        for one in corners:
-            reach = _AHEAD * size / self.side * np.sum(abs(one.slopes), axis=1)
+        for one, slope in zip(corners, slopes, strict=True):
+            reach = _AHEAD * size / self.side * np.sum(abs(slope), axis=1)
             if np.any(one.levels + reach > 0.0) if stable else not np.any(one.levels - reach > 0.0):
                 return True
         return False
@@ -372,7 +375,8 @@ def _bisected(state: State, begin: Array, end: Array) -> tuple[float, complex]:
     low, high, root = 0.0, 1.0, 0j
     while high - low > 0.1:
         middle = 0.5 * (low + high)
-        found = state(*(begin + middle * (end - begin)).tolist(), False)
+        x, y = begin + middle * (end - begin)
+        found = state(float(x), float(y), False)
         low, high = (low, middle) if found.unstable else (middle, high)
         root = found.root if found.unstable or not root else root
     return 0.5 * (low + high), root

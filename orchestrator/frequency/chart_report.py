@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Complex
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Chart:
     x: Array
     y: Array
     unstable: NDArray[np.int64]
-    root: NDArray[np.complex128]
+    root: Complex
     border: tuple[Array, ...]
     sampled: bool = False
     here: tuple[float, float] | None = None

@@ -164,7 +164,7 @@ class DelayEquation:
 
     @cached_property
     def _solved(self) -> Array:
-        return np.linalg.inv(self._loop_at_once)
+        return np.asarray(np.linalg.inv(self._loop_at_once), np.float64)
 
     @cached_property
     def _undelayed(self) -> Complex:
@@ -173,7 +173,8 @@ class DelayEquation:
         loop = np.eye(len(self.inputs)) - gains @ self.d
         if not self.inputs or np.linalg.cond(loop) > 1e12:
             return np.zeros(0, np.complex128)
-        return np.linalg.eigvals(self.a + self.b @ np.linalg.solve(loop, gains @ self.c))
+        closed = self.a + self.b @ np.linalg.solve(loop, gains @ self.c)
+        return np.asarray(np.linalg.eigvals(closed), np.complex128)
 
     def _reach(self, line: float) -> float:
         """A radius that holds all roots right of a line: |s| |x| <= N |x|, element by element."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..base import graph
 from ..base.arrays import Array, Complex
@@ -60,13 +60,14 @@ class DelaySystem(CharacteristicRoots):
             raise ConfigError(problems)
         count = space.ninputs
         names = [name] if count == 1 else [f"{name}[{index + 1}]" for index in range(count)]
+        a, b, c, d = (np.asarray(one, np.float64) for one in (space.A, space.B, space.C, space.D))
         return DelaySystem(
-            *(np.asarray(one, np.float64) for one in (space.A, space.B, space.C, space.D)),
+            a, b, c, d,
             tuple(f"{name}.x{index + 1}" for index in range(space.nstates)),
             tuple(f"{name}.u{index + 1}" for index in range(count)),
             tuple(f"{name}.y{index + 1}" for index in range(count)),
             tuple(Link(one, index, index, -1.0, float(delay)) for index, one in enumerate(names)),
-        )
+        )  # fmt: skip
 
     def connection(self, name: str) -> str:
         """A connection as links name it, by that name, as "a.y -> b.u" or by its target.
@@ -166,7 +167,7 @@ class DelaySystem(CharacteristicRoots):
             s: shape (k,) [rad/s].
         """
         s = np.atleast_1d(np.asarray(s, np.complex128))
-        n, cut = len(self.states), {self.outputs.index(name): value for name, value in given.items()}
+        n, cut = len(self.states), {self.outputs.index(name): np.asarray(one) for name, one in given.items()}
         rest = self._gains([one for one in self.links if one.source not in cut])
         wanted = np.zeros((len(s), n + len(self.inputs), 1), np.complex128)
         for one in self.links:
@@ -422,7 +423,7 @@ class DelaySystem(CharacteristicRoots):
         return np.unique(every[every > 0.0])
 
 
-def _lowest(function: Callable[[Any], Any], omega: Array, values: Array) -> tuple[float, float]:
+def _lowest(function: Callable[[Any], Any], omega: Array, values: NDArray[Any]) -> tuple[float, float]:
     """Where a function is least and its value, near the lowest dips of its values on a grid."""
     place = int(np.argmin(values))
     inner = np.flatnonzero((values[1:-1] <= values[:-2]) & (values[1:-1] <= values[2:])) + 1

@@ -41,12 +41,10 @@ class _Multisine(Effect):
     phases: tuple[float, ...]
 
     def numbers(self) -> list[float]:
-        """See Effect.numbers."""
         return [self.keep, self.start, self.factor, *self.omega, *self.phases]
 
     @staticmethod
     def kernel(time: float, x: Any, options: Any, memory: Any, commit: bool) -> float:
-        """See Effect.kernel."""
         count = (len(options) - 3) // 2
         total = 0.0
         for index in range(count):
@@ -171,7 +169,7 @@ def _once(prepared: Prepared, drive: _Drive, periods: int, settle: int, part: in
 def _excited(system: System, drive: _Drive, factor: float, start: float) -> System:
     """The system with a multisine at an input, and the targets recorded."""
     source, cut, tones = drive.source, drive.cut, drive.tones
-    (old,) = [one for one in system.connections if one.target == source] or [None]
+    old = next((one for one in system.connections if one.target == source), None)
     effect = _Multisine(
         keep=0.0 if cut else 1.0,
         start=start,

@@ -143,7 +143,7 @@ def _nodes(count: int) -> Array:
 
 
 def _weights(count: int) -> Array:
-    return (-1.0) ** np.arange(count) * np.sin(np.pi * (np.arange(count) + 0.5) / count)
+    return (-1.0) ** np.arange(count, dtype=np.float64) * np.sin(np.pi * (np.arange(count) + 0.5) / count)
 
 
 def _share(place: float, nodes: Array, weights: Array) -> Array:

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Complex
 from ..base.errors import ConfigError, Problem
 from ..master.running_instances import Instances, instantiate
 from ..results.measures import choose_measures
@@ -128,7 +128,7 @@ class Linearised:
         """By how much connections may be later all at once; see `DelaySystem.delay_margin`."""
         return self.system.delay_margin(names)
 
-    def roots(self, count: int = 6) -> NDArray[np.complex128]:
+    def roots(self, count: int = 6) -> Complex:
         """The rightmost characteristic roots, both of each pair, shape (k,) [rad/s]."""
         found = [one.root for one in self.modes(count).modes]
         return np.array([z for s in found for z in ((s, s.conjugate()) if s.imag else (s,))])

@@ -109,7 +109,7 @@ class _Runs:
         self.rows = [*self.rates, *part.outputs]
         self.columns = [*part.states, *part.inputs]
         self.values = {name: float(at.values[name]) for name in self.columns}
-        acts = np.vstack([part.b, part.d]).any(axis=0)
+        acts = np.any(np.vstack([part.b, part.d]), axis=0)
         self.chosen = [
             column
             for column, name in enumerate(self.columns)
@@ -175,7 +175,7 @@ class _Runs:
     def found(self, gains: Array) -> tuple[InnerDelay, ...] | str:
         """The delays behind total gains, or what is not found."""
         rows = np.flatnonzero(gains.any(axis=1))
-        seen = gains.any(axis=0)
+        seen = np.any(gains, axis=0)
         delays: dict[int, list[tuple[float, Array]]] = {}
         self._search(gains, np.flatnonzero(seen), delays, _LEFT)
         others = [column for column in self.chosen if column < len(self.part.states) and not seen[column]]
@@ -287,7 +287,8 @@ class _Runs:
         finally:
             for instance in instances:
                 instance.free()
-        return step * np.arange(len(values)), (np.array(values), np.array(slopes)), np.array(left)
+        times = step * np.arange(len(values), dtype=np.float64)
+        return times, (np.array(values), np.array(slopes)), np.array(left)
 
     def _joined(self, delays: Mapping[int, list[tuple[float, Array]]]) -> tuple[InnerDelay, ...]:
         """Rows with the same delay together, each as few paths as their gains need."""
@@ -305,7 +306,7 @@ class _Runs:
             scale = np.max(abs(whole * self.heights), axis=1, initial=0.0)
             while True:
                 share = abs(whole * self.heights) / np.where(scale > 0.0, scale, 1.0)[:, None]
-                row, column = np.unravel_index(int(np.argmax(share)), share.shape)
+                row, column = map(int, np.unravel_index(int(np.argmax(share)), share.shape))
                 if share[row, column] < 1e-3:
                     break
                 seen, into = whole[row].copy(), whole[:, column] / whole[row, column]
@@ -350,6 +351,7 @@ class _Row:
     def _before(self, times: Array, delay: float) -> Array:
         """By how much states and inputs moved between the start and a delay ago, shape (k, runs, n + m)."""
         ago = times - delay
+        assert self.course is not None
         made = self.course(np.maximum(ago, 0.0)) - self.values[0]
         # Inputs jump at the start; a line between samples would be a ramp.
         jumps = self.values[-1] - self.values[0]

@@ -6,16 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Complex
 from .refine import minima, zeros
 
 # Frequencies over the highest of a grid where only the direct feedthrough of a response remains.
 FAR = 1e4 * np.linspace(1.0, 2.0, 64)
 # Eigenvalues of one absolute value, as of a loop that is cut twice, cross together.
 _TOGETHER = 1e-6
-Response = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
+Response = Callable[[Complex], Complex]
 
 
 @dataclass(frozen=True)
@@ -130,7 +129,7 @@ def borne_delay(response: Response, omega: Array) -> tuple[float, float]:
         omega: frequencies that show all of it, shape (n,) [rad/s].
     """
 
-    def eigenvalues(s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def eigenvalues(s: Complex) -> Complex:
         found = np.linalg.eigvals(response(s))
         return np.take_along_axis(found, np.argsort(-abs(found), axis=1), 1)
 
@@ -140,7 +139,11 @@ def borne_delay(response: Response, omega: Array) -> tuple[float, float]:
     best = np.inf, np.nan
     # Ordered by their absolute values, eigenvalues are continuous in these.
     for place, known in enumerate(whole.T):
-        crossings = gain_crossovers(lambda s, place=place: eigenvalues(s)[:, place], omega, known)
+
+        def one(s: Complex, place: int = place) -> Complex:
+            return eigenvalues(s)[:, place]
+
+        crossings = gain_crossovers(one, omega, known)
         for w, _ in crossings:
             at = eigenvalues(np.array([1j * w]))[0]
             turns = np.mod(np.angle(-at[abs(abs(at) - 1.0) < _TOGETHER]), 2.0 * np.pi)
@@ -151,7 +154,7 @@ def borne_delay(response: Response, omega: Array) -> tuple[float, float]:
 
 
 def gain_crossovers(
-    response: Response, omega: Array, known: NDArray[np.complex128] | None = None
+    response: Response, omega: Array, known: Complex | None = None
 ) -> list[tuple[float, bool]]:
     """Where |response(j w)| = 1 between the given frequencies, and whether it falls there.
 
@@ -162,7 +165,7 @@ def gain_crossovers(
         known: the response at these frequencies; asked for if it is not given.
     """
 
-    def size(values: NDArray[np.complex128]) -> Array:
+    def size(values: Complex) -> Array:
         return np.log(np.maximum(np.abs(values), 1e-300))
 
     def level(w: Array) -> Array:

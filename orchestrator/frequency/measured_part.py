@@ -115,7 +115,7 @@ def continuous(shift: Array, reached: Array, step: float) -> tuple[Array, Array,
         return "it samples, or its response is no linear one: it has no continuous states"
     if np.any((abs(poles.imag) < 1e-9) & (poles.real < 0.0)):
         return "it alternates from step to step: it has no continuous states"
-    held = np.linalg.solve(shift, reached)
+    held = np.asarray(np.linalg.solve(shift, reached), np.float64)
     whole = np.eye(order + m)
     whole[:order, :order], whole[:order, order:] = shift, held
     made = np.real(scipy.linalg.logm(whole)) / step

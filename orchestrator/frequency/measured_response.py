@@ -51,7 +51,7 @@ def sweep(
     problems = _unknown_ports(loaded, source, target)
     tones = Tones.of(description.name, frequencies, step_size, amplitude, periods, problems)
     omega, phases, steps = tones.omega, tones.phases, tones.steps
-    time = np.arange(steps) * step_size
+    time = np.arange(steps, dtype=np.float64) * step_size
     direct = source in description.variables and _acts_at_once(loaded, source, target)
     interpolating = source in description.followed
     late = 0.0 if interpolating else step_size if direct else 0.5 * step_size

@@ -7,9 +7,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Complex
 from .delay_system import DelaySystem
 from .disk import disk_margin
 from .margins import Margins
@@ -39,7 +39,7 @@ class OpenLoop:
         sizes += [each.omega for each in self.margins().crossovers]
         return np.geomspace(0.05 * min(sizes or [1.0]), 20.0 * max(sizes or [1.0]), 1500)
 
-    def __call__(self, omega: ArrayLike) -> NDArray[np.complex128]:
+    def __call__(self, omega: ArrayLike) -> Complex:
         """L(j omega), exact; shape of omega [rad/s]."""
         return self.system.response(self.connection, 1j * np.asarray(omega, np.float64))
 

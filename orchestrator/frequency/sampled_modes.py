@@ -128,7 +128,7 @@ class SampledSystem:
         Raises: OrchestratorError if one lies on it.
         """
         angle = np.concatenate([[0.0], np.geomspace(1e-9, np.pi, 500)])
-        sign = self._signs(radius * np.exp(1j * angle))
+        sign: Complex = self._signs(np.asarray(radius * np.exp(1j * angle)))
         while True:
             turn = np.angle(sign[1:] / sign[:-1])
             rough = np.flatnonzero(abs(turn) > _TURN)

@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,7 +129,7 @@ class _Steps:
                 count = math.lcm(count, ratio.numerator)
         return count
 
-    def _input(self, index: int) -> tuple[Array, Array, Array, Array, Array]:
+    def _input(self, index: int) -> tuple[NDArray[Any], ...]:
         """Of the real inputs of an instance: columns among those of its part, places of their sources,
         gains, whether it follows their course, whether an output depends on them at once.
         """
@@ -140,7 +141,8 @@ class _Steps:
         source = fed.source[chosen]
         gain = np.ones(len(chosen)) if fed.gain is None else fed.gain[chosen]
         follows = np.array([name in one.fmu.description.followed for name in names], bool)
-        follows = follows & self.layout.smooth[source] if len(chosen) else follows
+        if chosen:
+            follows &= self.layout.smooth[source]
         return (
             np.array([known.index(name) for name in names], np.intp),
             source,
@@ -329,7 +331,8 @@ class _Steps:
                 ]
         core = np.flatnonzero(~moved)
         columns = [*core.tolist(), *(row for row, _, _ in late)]
-        z, given = np.zeros((self.size, len(columns))), {}
+        z: Array = np.zeros((self.size, len(columns)))
+        given: dict[int, list[Array]] = {}
         z[columns, np.arange(len(columns))] = 1.0
         for phase in range(self.count):
             z = self.step(z, phase, given)

@@ -9,9 +9,9 @@ from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Complex
 from ..fmi import Causality, Fmu, FmuInstance, Kind
 from ..system.connection import Port
 
@@ -33,7 +33,7 @@ class StateSpace:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
 
-    def response(self, source: str, target: str, omega: ArrayLike) -> NDArray[np.complex128]:
+    def response(self, source: str, target: str, omega: ArrayLike) -> Complex:
         """From an input to an output at omega, shape (n,) [rad/s]."""
         column, row = self.inputs.index(source), self.outputs.index(target)
         s = 1j * np.atleast_1d(np.asarray(omega, np.float64))
@@ -163,16 +163,16 @@ def without_idle_integrators(
     Returns: it, the names of the states that are left out, and the places of the others.
     """
     n = len(part.states)
-    shown = part.c[[name in read for name in part.outputs]].any(axis=0)
+    shown = np.any(part.c[[name in read for name in part.outputs]], axis=0)
     while True:
         # What a shown state's derivative depends on is shown, too.
-        more = shown | part.a[shown].any(axis=0)
+        more = shown | np.any(part.a[shown], axis=0)
         if (more == shown).all():
             break
         shown = more
     kept = list(range(n))
     while True:
-        idle = [k for k in kept if not shown[k] and not part.a[k, [j for j in kept if not shown[j]]].any()]
+        idle = [k for k in kept if not shown[k] and not np.any(part.a[k][[j for j in kept if not shown[j]]])]
         if not idle:
             break
         kept = [k for k in kept if k not in idle]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Complex
 from ..base.errors import ConfigError, Problem
 
 
@@ -33,9 +33,9 @@ class Measured:
     """
 
     omega: Array
-    response: NDArray[np.complex128]
+    response: Complex
     coherence: Array
-    step_effect: NDArray[np.complex128] | None = None
+    step_effect: Complex | None = None
 
     def frequency_response(self) -> Any:
         """As python-control's FrequencyResponseData."""
@@ -115,7 +115,7 @@ class Tones:
         return Measured(self.omega, mean[self.harmonics] / given, _coherence(spectrum, self.harmonics))
 
 
-def _coherence(spectrum: NDArray[np.complex128], harmonics: NDArray[np.int64]) -> Array:
+def _coherence(spectrum: Complex, harmonics: NDArray[np.int64]) -> Array:
     """1 - unexplained/all power: what changes between periods, what lies beside the input's frequencies."""
     mean = spectrum.mean(axis=0)
     change = np.mean(np.abs(spectrum[:, harmonics] - mean[harmonics]) ** 2, axis=0)

@@ -111,7 +111,7 @@ def trim(prepared: Prepared, fixed: Sequence[str] = ()) -> Trimmed:
         value = float(at.values[index])
         rest = index in search.free
         if rest:
-            overrides.append(f"{name}={variable.written(value)}")
+            overrides.append(f"{name}={variable.written(value)!s}")
         states[name] = TrimmedState(value, float(at.rates[index]), variable.unit_name, not rest)
     system = search.system(found)
     return Trimmed(replace(prepared, system=system), tuple(overrides), states, search.evaluations)

@@ -55,7 +55,6 @@ class _Pulse(Effect):
 
     @staticmethod
     def kernel(time: float, x: Any, options: Any, memory: Any, commit: bool) -> float:
-        """See Effect.kernel."""
         return x[0] + (options[0] if options[1] <= time < options[2] else 0.0)
 
 
@@ -299,8 +298,8 @@ def _signals(prepared: Prepared, stride: int, first: int) -> Array:
 def _nearest(response: Array, spacing: float, root: complex) -> complex:
     """The pole of a response, shape (samples, signals), that is nearest to a root."""
     sizes = np.max(abs(response), axis=0)
-    chosen = np.argsort(sizes)[::-1][:_CHANNELS]
-    chosen = [one for one in chosen if sizes[one] > 0.0 and np.isfinite(sizes[one])]
+    largest = np.argsort(sizes)[::-1][:_CHANNELS]
+    chosen = [one for one in largest if sizes[one] > 0.0 and np.isfinite(sizes[one])]
     if not chosen:
         raise OrchestratorError("--verify: no recorded signal answers to the changed start value")
     response = response[:, chosen] / sizes[chosen]

@@ -171,12 +171,6 @@ def test_a_candidate_has_no_evidence_over_itself():
         assert expected_evidence(study, experiment, one, one) == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("wrong", [{"rod": 0.0}, {"ticks": 1}, {"levers": ()}, {"tracker": -1e-6}], ids=str)
-def test_impossible_experiments_are_refused(wrong):
-    with pytest.raises(ValueError, match=r"experiment odd: rod .* needed: a positive rod"):
-        Experiment("odd", "", **wrong)
-
-
 def test_rivals_of_some_probability_are_distinguished_too():
     study, ids, theta = lab(("robot.delay",), (0.0005,)), ("robot.delay",), (0.0005,)
     finding = found(ids, theta)

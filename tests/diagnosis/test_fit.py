@@ -121,7 +121,7 @@ class Sum:
 def test_a_faint_effect_is_sought_beside_one_that_is_seen(target, named):
     size = Parameter("size", "1", 20.0)
     effects = [Effect(one, "y + size", "-", (size,), changes={"bias": "size"}) for one in Sum.names]
-    found = search(Fitter(Sum(np.array(target))), effects, workers=1)
+    found = search(Fitter(Sum(np.array(target))), effects)
     assert {one.id for one in found.best.effects} == named
 
 

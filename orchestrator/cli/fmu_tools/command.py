@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -127,9 +128,20 @@ def _inspect(path: Path, args: argparse.Namespace) -> int:
 
 
 def _line(value: Any) -> str:
-    from .json_values import plain
+    return json.dumps(_plain(value), allow_nan=False)
 
-    return json.dumps(plain(value), allow_nan=False)
+
+def _plain(value: Any) -> Any:
+    """What is neither a number nor a text becomes one; JSON has no NaN and no infinity: they become texts."""
+    if isinstance(value, dict):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(one) for one in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return repr(value)
+    if value is None or isinstance(value, bool | int | float):
+        return value
+    return str(value)
 
 
 def _validate(path: Path, args: argparse.Namespace) -> int:
@@ -155,8 +167,7 @@ def _validate(path: Path, args: argparse.Namespace) -> int:
 
 
 def _compare(paths: list[Path], args: argparse.Namespace) -> int:
-    from .comparison import compare_fmus
-    from .comparison_text import comparison_text
+    from .comparison import compare_fmus, comparison_text
     from .trial import Conditions
 
     found = compare_fmus(*paths, Conditions(args.steps, args.step_size, args.seed))
@@ -171,8 +182,7 @@ def _compare(paths: list[Path], args: argparse.Namespace) -> int:
 
 
 def _bench(paths: list[Path], args: argparse.Namespace) -> int:
-    from .bench import bench_fmus
-    from .bench_text import bench_text
+    from .bench import bench_fmus, bench_text
     from .trial import Conditions
 
     found = bench_fmus(paths, Conditions(step_size=args.step_size, seed=args.seed), args.rounds)

@@ -56,12 +56,6 @@ class AugmentedConfig:
     left_out: Mapping[str, str]
 
 
-def is_docking_lab(study: Study) -> bool:
-    """Whether a study describes the rig of the bundled system docking-lab."""
-    needed = {one.name.lower() for one in list(Calibrated)[: Calibrated.LEAD]}
-    return needed <= set(study.nominal) and find_system(SYSTEM) is not None
-
-
 def augmented_config(study: Study, finding: Finding, steps: int = STEP) -> AugmentedConfig:
     """Write the model of the chosen answer as a config.
 
@@ -120,8 +114,6 @@ def _written(
         effect = catalogue()[name]
         if effect.written is not None:
             parts.append(effect.written(theta, rig))
-        elif not effect.changes:
-            left_out[name] = "its file does not say how it stands in a config"
     for name in finding.effects:
         if name == "outside":
             left_out[name] = "the catalogue has no law for it"

@@ -9,11 +9,11 @@ from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from itertools import chain, combinations
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from scipy.special import logsumexp
 
+from .answers import Answer
 from .residual_evidence import ResidualEvidence
 from .study import Array
 
@@ -34,25 +34,6 @@ _SLOPE = 0.35
 _FAR = 2.5
 # What comes with the product.
 FILE = Path(__file__).parent / "calibration.json"
-
-
-class Weighable(Protocol):
-    """What a probability is computed from; see `answers.Answer`."""
-
-    effects: tuple[str, ...]
-    gain: float
-    left: float
-    unseen: tuple[str, ...]
-    nonrandom: float
-    random: float
-    numerics: float
-    size: float
-    parts: tuple[float, ...]
-
-    @property
-    def seen(self) -> tuple[str, ...]:
-        """See `answers.Answer`."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -170,7 +151,7 @@ class Calibration:
         usual = 1.0 / max(len(self.unseen), 1)
         return -sum(math.log(self.unseen.get(name, usual)) for name in unseen)
 
-    def usual(self, answers: Sequence[Weighable]) -> Array:
+    def usual(self, answers: Sequence[Answer]) -> Array:
         """Usual residual evidence of answers as good as these [nats], shape (answers,).
 
         Of several effects each may leave its share of what it gains itself: one that gains little accounts
@@ -186,7 +167,7 @@ class Calibration:
             [1.0 + max((left(*own) for own in gained.items()), default=0.0) for gained in own_gains(answers)]
         )
 
-    def table(self, answers: Sequence[Weighable]) -> Table:
+    def table(self, answers: Sequence[Answer]) -> Table:
         """Quantities from which scores are computed."""
         unseen = np.array([len(one.unseen) for one in answers])
         left = np.array([one.left for one in answers])
@@ -212,7 +193,7 @@ class Calibration:
             np.log1p(parts * (np.maximum(1.0 - share, 0.0) / usual)[:, None]),
         )
 
-    def scores(self, answers: Sequence[Weighable] | Table, beside: float | Array) -> tuple[Array, Array]:
+    def scores(self, answers: Sequence[Answer] | Table, beside: float | Array) -> tuple[Array, Array]:
         """Scores of a group's answers and, last, of something outside the catalogue.
 
         Args:
@@ -245,7 +226,7 @@ class Calibration:
         outside = outside + top - self.outside
         return np.concatenate([scores, outside], -1), np.concatenate([prices, np.zeros_like(outside)], -1)
 
-    def probabilities(self, answers: Sequence[Weighable] | Table, beside: float | Array) -> Array:
+    def probabilities(self, answers: Sequence[Answer] | Table, beside: float | Array) -> Array:
         """Probabilities of the answers of a single group and, last, of something outside."""
         scores, prices = self.scores(answers, beside)
         return self.spread(scores - prices)
@@ -280,14 +261,14 @@ def strength(size: float) -> float:
     return math.log1p(((size or _ORDINARY) / _ORDINARY) ** 2)
 
 
-def own_gains(answers: Sequence[Weighable]) -> list[dict[str, float]]:
+def own_gains(answers: Sequence[Answer]) -> list[dict[str, float]]:
     """Gain of each effect with evidence beside the others [nats], by id; one mapping per answer.
 
     That is the answer's log evidence over the best answer with none but the others.
     """
     gains = {frozenset(one.effects): one.gain for one in answers if not one.unseen}
 
-    def own(one: Weighable, name: str) -> float:
+    def own(one: Answer, name: str) -> float:
         others = [other for other in one.seen if other != name]
         fewer = chain.from_iterable(combinations(others, size) for size in range(len(one.seen)))
         return max(one.gain - max(gains.get(frozenset(some), 0.0) for some in fewer), 0.0)

@@ -29,7 +29,7 @@ def content(
     results: Mapping[str, Any],
     left_out: Mapping[str, str],
     warned: list[Warned],
-    augmented: Runnable | None,
+    augmented: Runnable,
     origins: Mapping[str, Any],
 ) -> Diagnosis:
     """A diagnosis as it is written.

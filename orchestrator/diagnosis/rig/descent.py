@@ -17,8 +17,8 @@ _STALE = 5
 # A descent has converged when the cost falls by less.
 _CONVERGED = 0.3
 # Damping at first, how often it is raised in vain, and that, as a share of the curvature, which holds nothing
-# back, with what has to be promised for it.
-_DAMPED, _RAISED, _UNDAMPED, _MUCH = 1e-3, 6, 1e-9, 20.0
+# back.
+_DAMPED, _RAISED, _UNDAMPED = 1e-3, 6, 1e-9
 
 
 def cost_of(r: Array, z: Array) -> float:
@@ -57,7 +57,6 @@ class Descent:
         residuals: of normalised parameters; derivatives: of parameters and residuals there, shape
             (residuals, parameters).
         low, high: least and largest parameters; smooth: places of those that derivatives say about.
-        patient: whether a descent that hardly gets on, though derivatives promise more, goes on undamped.
     """
 
     residuals: Callable[[Array], Array]
@@ -65,7 +64,6 @@ class Descent:
     low: Array
     high: Array
     smooth: NDArray[np.intp]
-    patient: bool
     _damping: float = _DAMPED
 
     def run(self, at: Place, aim: float) -> None:
@@ -79,18 +77,13 @@ class Descent:
             fresh_before = at.fresh
             hessian, slope = at.hessian, at.jacobian.T @ at.r + at.z
             free = self._free(at.z, slope)
-            promised = 0.0
             if at.fresh:
                 promised = float(slope[free] @ np.linalg.solve(hessian[np.ix_(free, free)], slope[free]))
                 if promised < _CONVERGED:
                     break
             gain = self._advance(at, hessian, slope, free)
             if gain < _CONVERGED and fresh_before:
-                if not (self.patient and promised > _MUCH and gain > 0.0 and self._damping > _UNDAMPED):
-                    break
-                # A straight valley, as of two numbers that only count by their product: damping, which goes
-                # by how steep it is across, holds the step back.
-                self._damping = _UNDAMPED
+                break
             if iteration > 3 and at.cost > aim and 10.0 * gain < at.cost - aim:
                 break
             stale = 0 if at.fresh else stale + 1

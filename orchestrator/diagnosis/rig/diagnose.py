@@ -13,7 +13,7 @@ from ...base.atomic_files import write_text
 from ...base.errors import ConfigError
 from ...simulation.run_folder import folder_at
 from ..study.mistakes import Warned
-from .augmented import AugmentedConfig, augmented_config, is_docking_lab
+from .augmented import augmented_config
 from .checks import check_logs
 from .content import content, named_files, provenance
 from .diagnosed import Diagnosed
@@ -68,11 +68,9 @@ def diagnose(
     parts = parts or _analyses()
     finding = parts["weigh"](study)
     results, left_out = _analysed(parts, study, finding, progress)
-    config = augmented_config(study, finding) if is_docking_lab(study) else None
-    augmented = None
-    if config is not None:
-        changed, missing = list(config.changed), dict(config.left_out)
-        augmented = Runnable(file=AUGMENTED, run=config.run, changed=changed, left_out=missing)
+    config = augmented_config(study, finding)
+    changed, missing = list(config.changed), dict(config.left_out)
+    augmented = Runnable(file=AUGMENTED, run=config.run, changed=changed, left_out=missing)
     known = [Warned(place=one.place, what=one.what, remedy=one.remedy or one.allowed) for one in warned]
     origins = provenance({} if source is None else _files(study, source))
     diagnosis = content(study.name, finding, study.nominal, results, left_out, known, augmented, origins)
@@ -80,7 +78,7 @@ def diagnose(
     if out is None:
         return Diagnosed(study, finding, diagnosis)
     diagnosis.provenance["seconds"] = round(perf_counter() - begin, 3)
-    folder, files = _write(Diagnosed(study, finding, diagnosis), Path(out), report, config)
+    folder, files = _write(Diagnosed(study, finding, diagnosis), Path(out), report, config.text)
     return Diagnosed(study, finding, diagnosis, folder, files)
 
 
@@ -114,15 +112,11 @@ def _files(study: Study, source: Path) -> dict[str, Path]:
     return named_files(file.parent, [file, *(run.path for run in study.runs if run.path is not None)])
 
 
-def _write(
-    diagnosed: Diagnosed, out: Path, report: bool, config: AugmentedConfig | None
-) -> tuple[Path, tuple[str, ...]]:
+def _write(diagnosed: Diagnosed, out: Path, report: bool, config: str) -> tuple[Path, tuple[str, ...]]:
     """Write everything; diagnosis.json last, so that its presence shows a complete result."""
     _cleared(out)
-    files = [NAME]
-    if config is not None:
-        write_text(out / AUGMENTED, config.text)
-        files.append(AUGMENTED)
+    files = [NAME, AUGMENTED]
+    write_text(out / AUGMENTED, config)
     if report:
         # matplotlib takes a third of a second to import.
         from .report import page

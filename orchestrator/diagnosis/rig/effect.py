@@ -32,7 +32,6 @@ class Site(IntEnum):
         CONTACT: force of a frame's springs and dampers [N]; positive where they push.
         PUSH: the same as it reaches the rod, before it is kept from pulling [N].
         FORCE: force on the rod, before the sensor [N]; negative at the front frame.
-        DELAYED: the force behind the sensor's delay and low-pass [N].
         SAMPLE: force sampled at a tick [N].
         BODY: force on the satellite over a tick [N].
     """
@@ -48,9 +47,8 @@ class Site(IntEnum):
     CONTACT = 8
     PUSH = 9
     FORCE = 10
-    DELAYED = 11
-    SAMPLE = 12
-    BODY = 13
+    SAMPLE = 11
+    BODY = 12
 
 
 class Context(IntEnum):

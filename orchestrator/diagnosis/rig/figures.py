@@ -20,16 +20,9 @@ _TITLES = {
     "compensated_force": "controller output",
     "body_force": "force that moves the satellite",
 }
-# What the band about zero is, in the legend.
-NOISE = "band: noise, two standard deviations"
 _BEFORE, _AFTER, _MEASURED = COLORS[1], COLORS[0], "#444444"
 # What is shown around a contact, as a part of its length, and at the least [ticks].
 _MARGIN, _FEWEST = 0.3, 25
-
-
-def shown_run(study: Study) -> Run:
-    """The run that a report shows: one that no fit saw, where there is one."""
-    return (study.of(Role.HELDOUT) or study.of(Role.TRAIN))[0]
 
 
 def figure_of(study: Study, place: str, model: Augmented) -> tuple[str, str]:
@@ -37,7 +30,7 @@ def figure_of(study: Study, place: str, model: Augmented) -> tuple[str, str]:
 
     Returns: the figure as SVG, and what it shows in words.
     """
-    run = shown_run(study)
+    run = (study.of(Role.HELDOUT) or study.of(Role.TRAIN))[0]  # one that no fit saw, where there is one
     trace = traces(study, run, model)[CHANNEL_OF.get(place, "sensor_force")]
     first, last, number = _worst(study, run, trace)
     figure = Figure(figsize=(9.0, 4.4), layout="constrained")
@@ -60,7 +53,7 @@ def figure_of(study: Study, place: str, model: Augmented) -> tuple[str, str]:
     )
     axes.set_ylabel(f"[{size_unit}]")
     _draw_left(grid["left"], trace, span, scale, unit)
-    finish(figure, grid)
+    _finish(figure, grid)
     before, after = trace.misfit()
     words = (
         f"{_TITLES[trace.name].capitalize()} in {run.name}: the residual is {before:.3g} times the noise "
@@ -69,7 +62,7 @@ def figure_of(study: Study, place: str, model: Augmented) -> tuple[str, str]:
     return svg(figure, f"{place}-{run.name}"), words
 
 
-def finish(figure: Figure, grid: Mapping[str, Axes]) -> None:
+def _finish(figure: Figure, grid: Mapping[str, Axes]) -> None:
     """Grid lines, ticks, axis titles and legend of a figure's parts: the run, what is enlarged, the residual.
 
     One legend stands for all parts, below them: within one it would cover traces.
@@ -109,7 +102,7 @@ def _draw_left(axes: Axes, trace: Trace, span: slice, scale: float, unit: str) -
     time = trace.time[span]
     axes.axhspan(
         -2 * scale * trace.noise, 2 * scale * trace.noise, color=COLORS[2], alpha=0.15, linewidth=0,
-        label=NOISE,
+        label="band: noise, two standard deviations",
     )  # fmt: skip
     for model, color in ((trace.before, _BEFORE), (trace.after, _AFTER)):
         axes.plot(time, scale * (trace.measured - model)[span], color=color, linewidth=0.9)

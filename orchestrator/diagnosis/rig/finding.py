@@ -59,8 +59,7 @@ class Finding:
     Attributes:
         candidates: most probable first; probabilities add up to 1.
         effects, places: the answer given.
-        outside_place: where an effect outside the catalogue acts; "" if there is none. Places that no logged
-            signal distinguishes are joined by "+".
+        outside_place: where an effect outside the catalogue acts; "" if there is none.
         answer_set: names of the most probable answers that hold enough together, see `Calibration.enough`.
         recalibrated: the model without effects, its calibration refitted.
         doubtful_tolerances: whether calibrated parameters moved farther than their tolerances allow: while

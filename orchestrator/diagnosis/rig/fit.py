@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -112,17 +112,12 @@ class Seeing(Protocol):
 class Fitter:
     """Fits effects to replays.
 
-    Attributes:
-        _patient: see `Descent`.
-
     Args:
         inflation, roughness, apart: as those of `marginal.Marginal`.
 
     Attributes:
         marginal: by which residuals are weighed.
     """
-
-    _patient: ClassVar[bool] = False
 
     def __init__(
         self, replay: Replay, inflation: float = 1.0, roughness: Array | None = None, apart: int = 0
@@ -307,7 +302,6 @@ class Fitter:
             lambda z, r: self.jacobian(effects, z, r, range(len(z))),
             *self._limits(effects),
             np.flatnonzero(self._smooth(effects)),
-            self._patient,
         )
 
     def _fitted(

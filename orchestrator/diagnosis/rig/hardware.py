@@ -32,8 +32,8 @@ from .study import Array, Role, Study
 # How many fits become answers, and log evidence below which a noise may be chance [nats].
 _KEPT, _WEAK = 12, 40.0
 # Fits whose log evidence is less than the best by more than both, a share of it and so many nats, are out of
-# the question; threads that judge what the others leave.
-_HOPELESS, _BELOW, _THREADS = 0.1, 30.0, 2
+# the question.
+_HOPELESS, _BELOW = 0.1, 30.0
 # Tolerances are doubtful if a factor on all of them has some log evidence, and more than the best effects.
 # Each effect is one of many and costs `_EACH`. The factor costs `_SAME_KIND` if only calibrated numbers of
 # one kind deviate by more than `_DEVIATES`, since one effect, such as a delay, moves all numbers of its kind.
@@ -413,7 +413,7 @@ def _answers(
     # What gains nothing leaves what none leaves, and what is out of the question is not looked at.
     worth = max(0.0, max(gains) * (1.0 - _HOPELESS) - _BELOW)
     judged = [fit if over > worth else found.none for fit, over in zip(fits, gains, strict=True)]
-    each(judge.leaves, list({id(one): one for one in judged}.values()), _THREADS)
+    each(judge.leaves, list({id(one): one for one in judged}.values()))
     for fit, over, like in zip(fits, gains, judged, strict=True):
         names = [one.id for one in fit.effects if one.id not in hidden]
         rest = judge.leaves(like)

@@ -56,10 +56,9 @@ def _answer(diagnosis: Diagnosis) -> str:
             )
         return text
     if effects == ["outside"]:
-        place = diagnosis.outside_place.replace("+", " or the ")
         return (
-            f"An effect outside the catalogue acts ({chance}), most likely at the {place}. None of the "
-            f"{diagnosis.provenance.get('effects', len(catalogue()))} known effects leaves only noise."
+            f"An effect outside the catalogue acts ({chance}), most likely at the {diagnosis.outside_place}. "
+            f"None of the {len(catalogue())} known effects leaves only noise."
         )
     named = both = " and ".join(effects)
     tied = [one for one in diagnosis.which if len(one.effects) == 1 and one.effects[0] in first.ties]

@@ -53,13 +53,6 @@ class Experiment:
     tracker: float = 0.0
     ticks: int = 1500
 
-    def __post_init__(self) -> None:
-        if not self.rod > 0 or self.ticks < 2 or not self.levers or self.tracker < 0:
-            raise ValueError(
-                f"experiment {self.name}: rod {self.rod}, ticks {self.ticks}, levers {self.levers}, "
-                f"tracker {self.tracker}; needed: a positive rod, two ticks, a lever, no negative tracker"
-            )
-
 
 @law
 def _stairs(time, step, value, context, memory, theta):

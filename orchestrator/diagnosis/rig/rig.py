@@ -115,7 +115,7 @@ _OMEGA, _XI, _TAU, _K, _C, _FRONT, _REAR, _TAU_S, _CUTOFF, _BIAS, _LEAD, _GAIN, 
 _X, _V, _Y, _XD, _VD, _G, _U, _FP, _XP, _KE, _CE, _P00, _P01, _P11, _IN, _X0, _OUT = map(int, State)
 _AT_COMMAND, _AT_DELAY, _AT_ACCELERATION, _AT_LIMIT, _AT_RATE, _AT_POSITION = map(int, list(Site)[:6])
 _AT_STRUCTURE, _AT_STIFFNESS, _AT_CONTACT, _AT_PUSH = map(int, list(Site)[6:10])
-_AT_FORCE, _AT_DELAYED, _AT_SAMPLE, _AT_BODY = map(int, list(Site)[10:])
+_AT_FORCE, _AT_SAMPLE, _AT_BODY = map(int, list(Site)[10:])
 _POSITION, _VELOCITY, _ACCELERATION, _COMMAND, _FORCE, _DEPTH = map(int, list(Context)[:6])
 _DEPTH_RATE, _SIDE, _STIFFNESS, _DAMPING, _NUMBER, _BODY_MASS = map(int, list(Context)[6:])
 _HISTORY, _SUBSTEPS = HISTORY, SUBSTEPS
@@ -207,8 +207,7 @@ def run_rig(
         time = (begin + n) * h
         known[_NUMBER] = begin + n
         encoder = servo[2] + (inject[0, n] if closed else 0.0)
-        sample = pass_site(_AT_DELAYED, laws, time, 0.0, y, known, memory, theta) + p[_BIAS]
-        sample = pass_site(_AT_SAMPLE, laws, time, h, sample, known, memory, theta) + inject[1, n]
+        sample = pass_site(_AT_SAMPLE, laws, time, h, y + p[_BIAS], known, memory, theta) + inject[1, n]
         if pull > 0.0:
             deviation = out[2, n] - encoder
             servo[0] += 2.0 * pull * h * deviation

@@ -26,6 +26,9 @@ HOPELESS = 60.0
 # the cost by this much.
 _PROMISING, _PROMISING_MORE = 6.0, 20.0
 
+# Threads that fit.
+_THREADS = 2
+
 _In, _Out = TypeVar("_In"), TypeVar("_Out")
 
 
@@ -60,15 +63,9 @@ class Search:
         return Search(self.none, tuple(sorted(unique.values(), key=lambda fit: -fit.log_evidence)))
 
 
-def each(function: Callable[[_In], _Out], items: Sequence[_In], workers: int) -> list[_Out]:
-    """A function's results in the order of the items; replays release the interpreter's lock.
-
-    Args:
-        workers: threads.
-    """
-    if workers == 1:
-        return [function(one) for one in items]
-    with ThreadPoolExecutor(max_workers=workers) as pool:
+def each(function: Callable[[_In], _Out], items: Sequence[_In]) -> list[_Out]:
+    """A function's results in the order of the items; replays release the interpreter's lock."""
+    with ThreadPoolExecutor(max_workers=_THREADS) as pool:
         return list(pool.map(function, items))
 
 
@@ -138,7 +135,6 @@ def search(
     effects: Sequence[Effect],
     always: tuple[Effect, ...] = (),
     longest: int = _LONGEST,
-    workers: int = 2,
     thorough: bool = False,
 ) -> Search:
     """Fit none, the most promising single effects, and combinations built from the best of them.
@@ -147,15 +143,14 @@ def search(
         effects: to choose from.
         always: effects that every model holds.
         longest: how many effects a combination may have.
-        workers: threads; more than one pay where replays do not wait for each other.
         thorough: whether each effect of the best combination is tried to be exchanged for others.
     """
     count = len(fitter.replay.tolerances)
     start = np.concatenate([fitter.starts(one)[0] for one in always]) if always else None
     none = fitter.fit(always, None, start)
     nominal = np.concatenate([np.zeros(count), none.z[count:]])
-    bases = each(lambda z: fitter.base(always, z), [nominal, none.z], workers)
-    found: list[Fit] = _grow(fitter, effects, bases, none.cost, _KEPT_SINGLES, workers)
+    bases = each(lambda z: fitter.base(always, z), [nominal, none.z])
+    found: list[Fit] = _grow(fitter, effects, bases, none.cost, _KEPT_SINGLES)
     level = found
     for size in range(2, longest + 1):
         level = sorted(level, key=lambda fit: -fit.log_evidence)[:2]
@@ -163,8 +158,8 @@ def search(
         if not level or level[0].cost > none.cost - promising:
             break
         before = level[0]
-        bases = each(lambda fit: fitter.base(fit.effects, fit.z), level, workers)
-        level = _grow(fitter, effects, bases, level[0].cost - promising, _KEPT_PAIRS, workers)
+        bases = each(lambda fit: fitter.base(fit.effects, fit.z), level)
+        level = _grow(fitter, effects, bases, level[0].cost - promising, _KEPT_PAIRS)
         level = [fit for fit in level if len(fit.effects) == size + len(always)]
         found += level
         if max((fit.log_evidence for fit in level), default=-math.inf) < before.log_evidence + 5.0:
@@ -177,24 +172,15 @@ def search(
     if top is not best or (thorough and len(top.effects) - len(always) > 1):
         # An effect that is not needed misled the search: others like the remaining ones were never fitted.
         begun = shorter if shorter and top is best else _without_one(fitter, top, len(always))
-        others = [*shorter, *_further(fitter, effects, begun, workers)]
+        others = [*shorter, *_further(fitter, effects, begun)]
     known = {_key(fit.effects) for fit in made.fits}
     return made.including([fit for fit in others if _key(fit.effects) not in known])
 
 
-def exchanged(fitter: Fitter, effects: Sequence[Effect], fit: Fit, workers: int = 2) -> list[Fit]:
-    """Fits like one, with one or another of its effects exchanged for others.
-
-    Args:
-        effects: to choose from.
-    """
-    return _further(fitter, effects, _without_one(fitter, fit, 0), workers)
-
-
-def _further(fitter: Fitter, effects: Sequence[Effect], begun: Sequence[Fit], workers: int) -> list[Fit]:
+def _further(fitter: Fitter, effects: Sequence[Effect], begun: Sequence[Fit]) -> list[Fit]:
     """Fits with one effect more than those begun with, the most promising ones."""
-    bases = each(lambda fit: fitter.base(fit.effects, fit.z), begun, workers)
-    return _grow(fitter, effects, bases, math.inf, _KEPT_PAIRS, workers)
+    bases = each(lambda fit: fitter.base(fit.effects, fit.z), begun)
+    return _grow(fitter, effects, bases, math.inf, _KEPT_PAIRS)
 
 
 def _key(effects: Sequence[Effect]) -> frozenset[str]:
@@ -221,7 +207,7 @@ def _without_one(fitter: Fitter, fit: Fit, kept: int) -> list[Fit]:
 
 
 def _grow(
-    fitter: Fitter, effects: Sequence[Effect], bases: Sequence[Base], highest: float, kept: int, workers: int
+    fitter: Fitter, effects: Sequence[Effect], bases: Sequence[Base], highest: float, kept: int
 ) -> list[Fit]:
     """Fit the most promising effects on top of some bases.
 
@@ -241,7 +227,7 @@ def _grow(
 
     screened = [
         (cost, effect, base, start)
-        for (effect, _), (cost, base, start) in zip(tasks, each(promise, tasks, workers), strict=True)
+        for (effect, _), (cost, base, start) in zip(tasks, each(promise, tasks), strict=True)
         if cost < highest
     ]
     screened.sort(key=lambda one: one[0])
@@ -268,7 +254,7 @@ def _grow(
 
     found: list[Fit] = []
     for first in range(0, len(chosen), 2):  # two at a time: what is given up does not depend on the machine
-        fits = each(fitted, chosen[first : first + 2], workers)
+        fits = each(fitted, chosen[first : first + 2])
         found += [fit for fit in fits if fit is not None and math.isfinite(fit.cost)]
         aim = min([fit.cost for fit in found], default=math.inf) + HOPELESS
     return found

@@ -9,7 +9,7 @@ from math import factorial
 
 import numpy as np
 
-from .components import COMPONENTS, component_of, residuals_of
+from .components import COMPONENTS, residuals_of
 from .finding import Augmented, Finding
 from .motion import contacts
 from .restart import Restart, contact_error
@@ -96,13 +96,10 @@ def where(study: Study, finding: Finding) -> Mapping[str, float]:
     probability = dict.fromkeys((place for places in COMPONENTS.values() for place in places), 0.0)
     for candidate in finding.candidates:
         places = [one.partition(".")[0] for one in candidate.effects if one != "outside"]
-        for place in places:
-            component_of(place)  # refuses places that the rig does not have
         if candidate.effects == ("outside",) and finding.outside_place:
-            places = finding.outside_place.split("+")
+            places = [finding.outside_place]
         for place in places:
-            if place in probability:
-                probability[place] += candidate.probability / len(places)
+            probability[place] += candidate.probability / len(places)
     shared: dict[str, float] = {}
     for share, places in zip(shares, COMPONENTS.values(), strict=True):
         mass = sum(probability[place] for place in places)

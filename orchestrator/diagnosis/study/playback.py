@@ -35,7 +35,6 @@ class Playback(Effect):
 
     @staticmethod
     def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
-        """See Effect.kernel."""
         place = 3 + int((time - options[0]) / options[1] + 0.5)
         if commit and options[2] > 0.0:
             place += 1

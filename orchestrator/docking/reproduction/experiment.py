@@ -86,15 +86,16 @@ class Recorded:
         """Largest force of the first contact without delay [N]."""
         return float(self.measures["ideal"]["first_peak_force"])
 
-    def estimate(self, name: str, first: int = 2) -> Array:
-        """The controller's estimate, at every instant in contact, beginning with contact `first`.
+    def estimate(self, name: str) -> Array:
+        """The controller's estimate, at every instant in contact, beginning with contact 2.
+
+        The first contact holds the initial guess.
 
         Args:
             name: "stiffness" [N/m] or "damping" [N.s/m].
-            first: number of the contact; the first contact holds the initial guess.
         """
         column = self.results[f"{self.options.controller}.{name}_estimate"]
-        return np.concatenate([column[one.first : one.last + 1] for one in self.found[first - 1 :]])
+        return np.concatenate([column[one.first : one.last + 1] for one in self.found[1:]])
 
     def _each(self, key: str) -> Array:
         return np.array([one[key] for one in self.measures["contacts"]])

@@ -66,9 +66,9 @@ def mechanism(diameter: float, mass: float) -> tuple[str, ...]:
     )
 
 
-def noise(seed: int) -> str:
+def noise(seed: int, size: str = NOISE) -> str:
     """Override that puts noise on the force reading."""
-    return f"connections[sensor.force].through=[{{noise: {NOISE}, period: 0.5 ms, seed: {seed}}}]"
+    return f"connections[sensor.force].through=[{{noise: {size}, period: 0.5 ms, seed: {seed}}}]"
 
 
 def case_name(diameter: float, mass: float) -> str:

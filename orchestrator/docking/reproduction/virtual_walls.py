@@ -51,20 +51,16 @@ _SOURCE = ("controller.switching_compensation=false", "controller.initial_stiffn
 def cases() -> tuple[Case, ...]:
     """The paper's law with several seeds, and the shipped controller with the first of them."""
     made = [
-        Case(f"paper's law, seed {seed}", "docking-1d", native(*_WALL, *_SOURCE, _noise(seed)))
+        Case(f"paper's law, seed {seed}", "docking-1d", native(*_WALL, *_SOURCE, rig.noise(seed, NOISE)))
         for seed in SEEDS
     ]
-    wall = (*_WALL, _noise(SEEDS[0]))
+    wall = (*_WALL, rig.noise(SEEDS[0], NOISE))
     return (
         *made,
         Case(_RESTORED, "docking-1d", native(*wall)),
         Case(f"paper's law, {_LONG}", "docking-1d", native(*wall, *_SOURCE, rig.delay())),
         Case(f"{_RESTORED}, {_LONG}", "docking-1d", native(*wall, rig.delay())),
     )
-
-
-def _noise(seed: int) -> str:
-    return f"connections[sensor.force].through=[{{noise: {NOISE}, period: 0.5 ms, seed: {seed}}}]"
 
 
 def quantities(runs: Mapping[str, Recorded]) -> list[Quantity]:

@@ -94,14 +94,7 @@ class Package:
             return content.read(path) if content is not None else self._within(path).read_bytes()
         except FmuError as error:
             raise TooMuch([Problem("", str(error))]) from None
-        except (
-            OSError,
-            EOFError,
-            RuntimeError,
-            NotImplementedError,
-            zipfile.BadZipFile,
-            zlib.error,
-        ) as error:
+        except _UNREADABLE as error:
             raise ConfigError([Problem(place, f"{path} cannot be read ({error})", "", _AGAIN)]) from error
 
     def file(self, path: str, place: str) -> Path:
@@ -116,14 +109,7 @@ class Package:
             target.parent.mkdir(parents=True, exist_ok=True)
             with self._archive.open(path) as source, open(target, "xb") as copy:
                 shutil.copyfileobj(source, copy)
-        except (
-            OSError,
-            EOFError,
-            RuntimeError,
-            NotImplementedError,
-            zipfile.BadZipFile,
-            zlib.error,
-        ) as error:
+        except _UNREADABLE as error:
             raise ConfigError([Problem(place, f"{path} cannot be unpacked ({error})", "", _AGAIN)]) from error
         return target
 
@@ -146,6 +132,8 @@ class Package:
             raise ConfigError([Problem(place, f"no file {path!r}", allowed, nearest(path, names))])
 
 
+# What reading a damaged archive raises.
+_UNREADABLE = (OSError, EOFError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error)
 _AGAIN = "Export or download it again."
 
 

@@ -1,1 +1,1 @@
-"""The effects that come with the product, one a file."""
+"""The effects that come with the product."""

@@ -1,6 +1,6 @@
-"""How results of `docking-6d` depend on what the paper leaves open: a table and a figure.
+"""How results of `docking-6d` depend on what the paper leaves open, as a table.
 
-    python -m orchestrator.docking.sensitivity --out out
+    python -m tests.benchmarks.controller_choices
 
 The paper names neither the forgetting factor of the Sage-Husa filter, nor initial covariances, nor how
 control switches at contact, nor what it assumes before the first contact. Each is varied by itself.
@@ -8,18 +8,10 @@ control switches at contact, nor what it assumes before the first contact. Each 
 
 from __future__ import annotations
 
-import argparse
-import csv
-import sys
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
-from matplotlib.figure import Figure
-from tqdm import tqdm
-
-from ..simulation.run import run
-from .figures import BLUE, GREY, VERMILION
+from orchestrator.simulation.run import run
 
 # What is varied -> settings of the controller, beside the chosen ones.
 CHANGES: dict[str, tuple[str, ...]] = {
@@ -61,7 +53,7 @@ def measured(changes: Sequence[str], settings: Sequence[str] = NOISE) -> dict[st
     ).summary
     contacts: list[dict[str, Any]] = summary["contacts"]
     if len(contacts) < 2:
-        raise ValueError(f"sensitivity: {len(contacts)} contacts in the run; needed: 2; let it run longer")
+        raise ValueError(f"{len(contacts)} contacts in the run; needed: 2; let it run longer")
     truth = summary["parameters"]["contact.stiffness"]
     return {
         "contacts": float(len(contacts)),
@@ -73,48 +65,12 @@ def measured(changes: Sequence[str], settings: Sequence[str] = NOISE) -> dict[st
     }
 
 
-def draw(table: Mapping[str, Mapping[str, float]]) -> Figure:
-    """Restitution, and error of the stiffness, per variation."""
-    names = list(table)
-    places = range(len(names))[::-1]
-    figure = Figure(figsize=(10.0, 0.32 * len(names) + 1.5), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
-    for key, color, text in (
-        ("first_cor", VERMILION, "first contact"),
-        ("worst_cor", BLUE, "worst of the later ones"),
-    ):
-        left.plot([table[name][key] for name in names], places, "o", color=color, label=text)
-    left.axvline(1.0, color=GREY, linewidth=0.8)
-    left.set_xlabel("coefficient of restitution along the normal [1]")
-    right.plot([100.0 * table[name]["stiffness_error"] for name in names], places, "o", color=BLUE)
-    right.axvline(0.0, color=GREY, linewidth=0.8)
-    right.set_xlabel("error of the stiffness estimate [%]")
-    left.set_yticks(list(places), names)
-    figure.legend(*left.get_legend_handles_labels(), loc="outside upper right", ncols=2)
-    return figure
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run all variations; print the table, write it and the figure."""
-    parser = argparse.ArgumentParser(
-        prog="python -m orchestrator.docking.sensitivity", description=main.__doc__
-    )
-    parser.add_argument("--out", type=Path, required=True, help="folder for sensitivity.csv, sensitivity.png")
-    out = parser.parse_args(arguments).out
-    out.mkdir(parents=True, exist_ok=True)
-    table = {
-        name: measured(changes)
-        for name, changes in tqdm(CHANGES.items(), unit="run", disable=not sys.stderr.isatty())
-    }
-    with (out / "sensitivity.csv").open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["variation", *next(iter(table.values()))])
-        writer.writerows([name, *row.values()] for name, row in table.items())
-    for name, row in table.items():
+def main() -> None:
+    """Run all variations and print the table."""
+    for name, changes in CHANGES.items():
+        row = measured(changes)
         print(f"{name:34}" + "".join(f"{key} {value:<12.5g}" for key, value in row.items()))
-    draw(table).savefig(out / "sensitivity.png", dpi=150)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
