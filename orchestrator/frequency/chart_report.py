@@ -74,16 +74,10 @@ def chart_data(found: Chart) -> dict[str, Any]:
     }
 
 
-def chart_figure(
-    found: Chart,
-    field: Array | None = None,
-    label: str = "real part of the dominant root [1/s]",
-    points: Mapping[str, tuple[float, float]] | None = None,
-) -> Any:
+def chart_figure(found: Chart, points: Mapping[str, tuple[float, float]] | None = None) -> Any:
     """The dominant root's real part as colours, the border, and the config.
 
     Args:
-        field: other values as colours, 0 on the border, shape (ny, nx); label: of their scale.
         points: further points, x and y by name.
     """
     from matplotlib.figure import Figure
@@ -92,7 +86,7 @@ def chart_figure(
 
     figure = Figure(figsize=(7.5, 5.0), layout="constrained")
     axes = figure.subplots()
-    values = found.root.real if field is None else field
+    values, label = found.root.real, "real part of the dominant root [1/s]"
     limit = float(np.nanpercentile(abs(values), 95)) or 1.0
     mesh = axes.pcolormesh(
         found.x, found.y, values, cmap="RdBu_r", vmin=-limit, vmax=limit, shading="nearest", rasterized=True

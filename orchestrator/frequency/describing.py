@@ -25,7 +25,6 @@ from ..effects.relay import Relay
 from ..effects.saturate import Saturate
 from ..simulation.run import Prepared
 from .from_system import Linearised
-from .modes import Modes
 
 _KINDS = (Saturate, DeadBand, Backlash, Quantise, RateLimit, Relay)
 # Samples of a period, and periods until a memory has settled.
@@ -93,13 +92,12 @@ def describing_function(effect: Effect, amplitude: float, omega: float = 1.0, me
     return complex(2j * np.mean(answer[last] * np.exp(-1j * phase[last])) / amplitude)
 
 
-def limit_cycles(prepared: Prepared, linear: Linearised, modes: Modes | None = None) -> list[LimitCycle]:
+def limit_cycles(prepared: Prepared, linear: Linearised) -> list[LimitCycle]:
     """All limit cycles that effects which are not linear predict, each with the others as in the linear
     system.
 
     Args:
         prepared: the checked system; linear: what `linearise` gave for it.
-        modes: its modes.
     """
     found = []
     for connection in prepared.system.connections:
@@ -110,7 +108,7 @@ def limit_cycles(prepared: Prepared, linear: Linearised, modes: Modes | None = N
         mean = (linear.point.get(str(connection.target), 0.0) - connection.offset) / connection.gain
         for link in wire.links:
             if isinstance(link.effect, _KINDS):
-                found += _of(linear, name, link.name, link.effect, mean, modes)
+                found += _of(linear, name, link.name, link.effect, mean)
     return found
 
 
@@ -120,9 +118,7 @@ def _size(effect: Any) -> float:
     return max(numbers, default=0.0)
 
 
-def _of(
-    linear: Linearised, connection: str, name: str, effect: Effect, mean: float, modes: Modes | None
-) -> list[LimitCycle]:
+def _of(linear: Linearised, connection: str, name: str, effect: Effect, mean: float) -> list[LimitCycle]:
     from scipy.optimize import root  # slow to import
 
     size = _size(effect)
@@ -133,7 +129,7 @@ def _of(
     mean = mean if isinstance(effect, Saturate) else 0.0
     amplitudes = size * _AMPLITUDES
     function = np.array([describing_function(effect, one, 1.0, mean) for one in amplitudes])
-    grid = linear.system.frequencies(modes or linear.modes())
+    grid = linear.system.frequencies(linear.modes())
     omega = np.geomspace(grid[0], grid[-1], _FREQUENCIES)
     omega = np.unique(np.concatenate([omega, grid[:: max(1, len(grid) // 1500)]]))
     response = linear.system.open_loop(connection, omega)

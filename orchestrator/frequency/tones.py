@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,12 +35,6 @@ class Measured:
     response: Complex
     coherence: Array
     step_effect: Complex | None = None
-
-    def frequency_response(self) -> Any:
-        """As python-control's FrequencyResponseData."""
-        import control
-
-        return control.frd(self.response, self.omega)
 
 
 @dataclass(frozen=True)
