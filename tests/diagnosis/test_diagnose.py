@@ -243,7 +243,7 @@ def test_what_is_missing_is_reported(study, tmp_path):
 @pytest.mark.parametrize(
     ("other", "said"),
     [
-        ({"where": lambda study, found: {"contact": 0.9}}, "where: shares add up to 0.9, not to 1"),
+        ({"where": lambda study, found: {"contact": np.nan}}, "share: Value error, got nan; a finite number"),
         (
             {"numerics": lambda study, found: {"fraction": "much"}},
             "numerics.fraction: Input should be a valid number",

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from ...base.errors import Problem
 from ...results.file_formats import strict
@@ -20,7 +20,7 @@ NAME, PAGE, AUGMENTED = "diagnosis.json", "report.html", "augmented.yaml"
 SUSPECTED = 0.2
 # A gap smaller than this many times the noise floor is within the noise: it cannot be asked to shrink.
 WITHIN = 1.5
-# Shares of a total are sums of floating-point numbers.
+# Probabilities are sums of floating-point numbers.
 _ADDS_UP = 1e-9
 
 
@@ -39,7 +39,7 @@ class _Part(BaseModel):
 
 
 class _Open(BaseModel):
-    """A model that keeps unknown keys of further analyses."""
+    """A model that keeps further keys of an analysis."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -170,22 +170,6 @@ class Diagnosis(_Part):
     data: list[Warned]
     left_out: dict[str, str] = {}
     provenance: dict[str, Any]
-
-    @model_validator(mode="after")
-    def _whole(self) -> Diagnosis:
-        for name, total in (
-            ("where: shares", sum(one.share for one in self.where) if self.where else 1.0),
-            ("which: probabilities", sum(one.probability for one in self.which)),
-            ("ledger: shares", sum(one.share for one in self.ledger) if self.ledger else 1.0),
-        ):
-            if abs(total - 1.0) > _ADDS_UP:
-                raise ValueError(f"{name} add up to {total!r}, not to 1")
-        ranks = [one.probability for one in self.which]
-        if ranks != sorted(ranks, reverse=True):
-            raise ValueError(f"which: the most probable answer comes first; got probabilities {ranks}")
-        if self.verdict.effects == ["outside"] and not self.outside_place:
-            raise ValueError("outside_place: an effect outside the catalogue needs its place")
-        return self
 
     def data_of(self) -> dict[str, Any]:
         """Plain values, as written to JSON."""
