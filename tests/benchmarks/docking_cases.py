@@ -80,10 +80,10 @@ def study_of(case: Path, out: Path) -> Path:
     }
     walls = {"front": f"{given['front_wall']} m", "rear": f"{given['rear_wall']} m"}
     starts = {
-        # The master gives the robot a command one step early, and holds the sensor's force for one.
+        # The master holds the sensor's force of a step's end from its begin on.
         "robot": {
             "omega_n": f"{given['natural_frequency']} Hz", "xi_n": given["damping_ratio"],
-            "tau_m": f"{given['response_delay'] + STEP} s",
+            "tau_m": f"{given['response_delay']} s",
         },
         "contact": contact | walls,
         "sensor": {

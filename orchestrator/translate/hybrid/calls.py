@@ -48,7 +48,7 @@ class Calls(Form):
         function = self._s["functions"][content["function"]]
         if function["external"]:
             if function["name"] == DELAY:
-                return self._delayed(*(self._one(one, bound) for one in operands[:2]))
+                return self._delayed(*(self._single(one, bound) for one in operands[:2]))
             return self._external(number, content["output"], function, operands, bound)
         if content.get("derivative"):
             raise refused(self._name, f"a derivative of the function {function['name']}()")
@@ -133,7 +133,7 @@ class Calls(Form):
             _, content, _ = self._nodes[number]
             if isinstance(content, dict) and "function_parameter" in content:
                 return int(content["function_parameter"]["ordinal"])
-            return float(self._one(number, inside).args[0])
+            return float(self._single(number, inside).args[0])
 
         return external_call(function, arrays, kinds, argument, self._path_of)
 
@@ -167,7 +167,7 @@ class Calls(Form):
 
         rows = numbers("table")
         on_file = said("tableOnFile")
-        if on_file is not None and self._number(self._one(on_file), f"{head}.tableOnFile"):
+        if on_file is not None and self._number(self._single(on_file), f"{head}.tableOnFile"):
             path, name = (self._text(said(key) or 0) for key in ("fileName", "tableName"))
             rows = read_table(self._path_of(path), name)
         if rows is None or rows.ndim != 2 or not rows.size:
@@ -197,7 +197,7 @@ class Calls(Form):
                 for key, _ in binders:
                     inside.pop(key, None)
             elif kind == "assertion" and content.get("level") == "error":
-                holds = self._one(content["condition"], inside)
+                holds = self._single(content["condition"], inside)
                 inside["holds"] = ex.logical("and", inside.get("holds", ex.ONE), holds)
             else:
                 raise refused(self._name, f"a statement of the kind {kind} in a function")

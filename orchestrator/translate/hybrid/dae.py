@@ -24,13 +24,13 @@ from .expression import Expr
 from .form import Json, refused
 from .functions import CONSTANTS, Source, function_near, named_constant
 from .model import Action, Branch, Condition, DaeModel, Discrete, Scalar
-from .sections import Run, hidden_section, set_by_events
+from .sections import SectionEvaluation, hidden_section, set_by_events
 from .statements import FunctionSource
 from .values import Values
 
 _ROLES = {
     "discrete_real": "discrete", "discrete_value": "discrete", "constant": "parameter", "output": "algebraic",
-}  # fmt: skip  # fmt: skip
+}  # fmt: skip
 _ZERO = ex.number(0)
 
 
@@ -131,7 +131,7 @@ class _Reader(Values):
         self._clocks = [self._clock(one["kind"]) for one in self._s["clocks"]]
         values: list[tuple[Expr, Expr]] = []
         for owner, section in hidden:
-            done = Run(self, owner, section)
+            done = SectionEvaluation(self, owner, section)
             start = self.add_condition("initial") if section.initial else None
             self._bind(start, start)
             equations += done.equations
@@ -325,9 +325,9 @@ class _Reader(Values):
         match kind:
             case "relation":
                 relation = self._s["relations"][content]
-                return Condition("value", (self._one(relation["relation"]["expression"]),))
+                return Condition("value", (self._single(relation["relation"]["expression"]),))
             case "discrete":
-                return Condition("value", (self._one(content),))
+                return Condition("value", (self._single(content),))
             case "clock":
                 return Condition("clock", (content,))
             case "quotient_owner":
@@ -363,11 +363,11 @@ class _Reader(Values):
                 place = self._elements[content["state"]]
                 if place.shape:
                     raise refused(self._name, "reinit of an array")
-                return Action("reinit", *where, target=place.item(), value=self._one(content["value"]))
+                return Action("reinit", *where, target=place.item(), value=self._single(content["value"]))
             case "assert":
                 return Action("assert", *where, message=self._text(content["message"]))
             case "warning":
-                held = self._one(content["condition"]) if content.get("condition") is not None else None
+                held = self._single(content["condition"]) if content.get("condition") is not None else None
                 return Action("warning", *where, value=held, message=self._text(content["message"]))
             case "terminate":
                 return Action("terminate", *where, message=self._text(content["message"]))

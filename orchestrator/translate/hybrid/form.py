@@ -119,7 +119,7 @@ class Form:
     def _at(self, number: int, bound: Mapping[Any, Any]) -> Any:
         raise NotImplementedError  # see `Values`
 
-    def _one(self, number: int, bound: Mapping[Any, Any] | None = None) -> Expr:
+    def _single(self, number: int, bound: Mapping[Any, Any] | None = None) -> Expr:
         raise NotImplementedError
 
     def _domain(self, number: int) -> list[tuple[tuple[int, int], range]]:

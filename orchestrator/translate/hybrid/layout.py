@@ -154,7 +154,7 @@ def reported_actions(system: System) -> list[Action]:
 
 
 def margins_of(modes: Sequence[Expr]) -> list[Expr]:
-    """Expressions whose zeros are where a mode changes: two of a step function, for either end of a tread."""
+    """Expressions whose zeros are where a mode changes; of a rounding function both ends of its step."""
     found: list[Expr] = []
     for number, one in enumerate(modes):
         held = ex.symbol("mode", number)

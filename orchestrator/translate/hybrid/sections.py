@@ -55,7 +55,8 @@ def _assigned(statements: Iterable[Node], by_events: bool = False) -> Iterator[t
 
 
 def _parsed(section: Section) -> tuple[Parser, list[Node]]:
-    parser = Parser(FunctionSource(section.scope, section.text))
+    source = FunctionSource(section.scope, section.text)
+    parser = Parser(source, f"the algorithm section of {section.scope}")
     return parser, parser.section()
 
 
@@ -65,8 +66,8 @@ def set_by_events(owner: str, section: Section) -> list[str]:
     return [f"{head}{target[1]}" for target, by_events in _assigned(_parsed(section)[1]) if by_events]
 
 
-class Run(SectionValues):
-    """One section of one component, carried out.
+class SectionEvaluation(SectionValues):
+    """Symbolic execution of one algorithm section of one component.
 
     Attributes:
         equations: zero at the solution.
@@ -84,15 +85,15 @@ class Run(SectionValues):
         self.values: list[tuple[Expr, Expr]] = []
         self.starts: list[tuple[Expr, Expr]] = []
         before = model.events_so_far()
-        self._carry_out()  # finds which elements are assigned
+        self._execute()  # finds which elements are assigned
         model.forget_events(before)
         self._known, self._set, self._done = self._set, {}, set()
         self.equations, self.values, self.starts = [], [], []
-        self._carry_out()
+        self._execute()
 
     # Statements
 
-    def _carry_out(self) -> None:
+    def _execute(self) -> None:
         env: Env = {}
         last: dict[int, int] = {}
         for place, statement in enumerate(self._body):

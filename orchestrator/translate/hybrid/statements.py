@@ -38,11 +38,13 @@ class Variable:
 class Parser:
     """Reads a function, or the statements of a section.
 
-    Statements are assign, if, for, while, when, break, return and do (a call); expressions begin with number,
-    text, name, end, negative, not, binary, choice, array, matrix, range, comprehension or call.
+    A node begins with its kind. Statements: assign, if, for, while, when, break, return and do (a call).
+    Expressions: number, text, name, end, negative, not, binary, choice, array, matrix, range, comprehension
+    and call.
     """
 
-    def __init__(self, source: FunctionSource) -> None:
+    def __init__(self, source: FunctionSource, what: str = "") -> None:
+        self._what = what or f"the function {source.name}()"
         self._tokens: Sequence[Token] = tokenise(source.text, source.name)
         self._at = 0
         self._name = source.name
@@ -98,7 +100,7 @@ class Parser:
 
     def _error(self, what: str) -> BuildError:
         line = self._tokens[min(self._at, len(self._tokens) - 1)].line
-        return BuildError(f"the function {self._name}() cannot be read at its line {line}: {what}")
+        return BuildError(f"{self._what} cannot be read at its line {line}: {what}")
 
     def _skip(self) -> None:
         depth = 0

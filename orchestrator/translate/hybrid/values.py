@@ -23,16 +23,16 @@ from .model import Condition
 _RELATIONS = {
     "less": "lt", "less_equal": "le", "greater": "gt", "greater_equal": "ge", "equal": "eq",
     "not_equal": "ne",
-}  # fmt: skip  # fmt: skip
+}  # fmt: skip
 # Kinds of references to variables.
 _REFERENCES = (
     "state", "algebraic", "output", "discrete_real", "discrete_value", "input", "parameter", "constant",
-)  # fmt: skip  # fmt: skip
+)  # fmt: skip
 _ZERO = ex.number(0)
 
 
 class Values(Calls):
-    """Reads expressions; what they need is kept until it is bound."""
+    """Evaluates the compiler's expressions to arrays of scalar `Expr`."""
 
     def _domain(self, number: int) -> list[tuple[tuple[int, int], range]]:
         """Binders of a domain and its parents, outermost first, with their values."""
@@ -43,7 +43,7 @@ class Values(Calls):
             for place, one in enumerate(entry["domain"]["binders"])
         ]
 
-    def _one(self, number: int, bound: Mapping[Any, Any] | None = None) -> Expr:
+    def _single(self, number: int, bound: Mapping[Any, Any] | None = None) -> Expr:
         value = np.asarray(self._at(number, bound or {}), dtype=object)
         if value.size != 1:
             raise refused(self._name, f"an array of {value.size} elements in place of one number")
@@ -148,8 +148,8 @@ class Values(Calls):
             ((_, about),) = one["kind"].items()
             lag = about["delay_time"]
             return self._delayed(
-                self._one(one["source"], bound),
-                self._one(lag["expression"] if isinstance(lag, dict) else lag, bound),
+                self._single(one["source"], bound),
+                self._single(lag["expression"] if isinstance(lag, dict) else lag, bound),
             )
         if kind == "terminal":
             return self._at_the_end().operands[0]
@@ -168,9 +168,9 @@ class Values(Calls):
         ((kind, content),) = node.items()
         match kind:
             case "relation":
-                return self._one(self._s["relations"][content]["relation"]["expression"])
+                return self._single(self._s["relations"][content]["relation"]["expression"])
             case "discrete":
-                return self._one(content)
+                return self._single(content)
             case "not":
                 return ex.logical("not", self._truth(content))
             case "and" | "or":
@@ -199,26 +199,26 @@ class Values(Calls):
         raise refused(self._name, f"the operator {operator}")
 
     def _relation(self, op: str, a: Expr, b: Expr) -> Expr:
-        a, b = self._told(a), self._told(b)
+        a, b = self._string_value(a), self._string_value(b)
         if op in ("eq", "ne") and a.op == b.op == "sym" and a.args[0] == b.args[0] == "text":
             return ex.number((a is b) == (op == "eq"))
         made = ex.logical(op, a, b)
         # Of discrete values and parameters alone a relation changes at events only, by itself.
-        return self._held(made) if made.op == op and self._events and self._moves(made) else made
+        return self._with_mode(made) if made.op == op and self._events and self._is_continuous(made) else made
 
-    def _told(self, one: Expr) -> Expr:
+    def _string_value(self, one: Expr) -> Expr:
         """The text that a String parameter or constant, or a sum of them, stands for; others as they are."""
         if one.op == "add":
-            a, b = (self._told(part) for part in one.args)
+            a, b = (self._string_value(part) for part in one.args)
             if a.op == b.op == "sym" and a.args[0] == b.args[0] == "text":
                 return ex.symbol("text", a.args[1] + b.args[1])
         if one not in self._strings or self._scalars[one.args[1]].role != "parameter":
             return one
         place = next(n for n, places in enumerate(self._elements) if one in places.ravel())
         binding = self._s["variables"][place]["attributes"].get("binding")
-        return one if binding is None else self._told(self._one(binding))
+        return one if binding is None else self._string_value(self._single(binding))
 
-    def _moves(self, made: Expr) -> bool:
+    def _is_continuous(self, made: Expr) -> bool:
         continuous = ("state", "algebraic", "input", "output")
         if not self._roles:
             self._roles = {
@@ -230,7 +230,7 @@ class Values(Calls):
             one.args[0] in ("t", "der", "delayed") or self._roles.get(one) in continuous for one in made.free
         )
 
-    def _held(self, made: Expr) -> Expr:
+    def _with_mode(self, made: Expr) -> Expr:
         if made not in self._mode_of:
             self._mode_of[made] = len(self._modes)
             self._modes.append(made)
@@ -238,7 +238,9 @@ class Values(Calls):
 
     def _stepped(self, name: str, a: Expr) -> Expr:
         made = ex.function(name, a)
-        return self._held(made) if made.op != "num" and self._events and self._moves(made) else made
+        return (
+            self._with_mode(made) if made.op != "num" and self._events and self._is_continuous(made) else made
+        )
 
     def _quotient(self, content: Json, a: Any, b: Any) -> Any:
         def one(x: Expr, y: Expr) -> Expr:
@@ -329,9 +331,9 @@ class Values(Calls):
         return found
 
     def _range(self, content: Json, bound: Mapping[Any, Any]) -> Any:
-        first, last = (self._one(content[f"{key}_expression"], bound) for key in ("start", "stop"))
+        first, last = (self._single(content[f"{key}_expression"], bound) for key in ("start", "stop"))
         step = content.get("explicit_step_expression")
-        by = ex.ONE if step is None else self._one(step, bound)
+        by = ex.ONE if step is None else self._single(step, bound)
         if any(one.op != "num" for one in (first, last, by)) or not by.args[0]:
             raise refused(self._name, "a range that is not known when the model is built")
         start, stop, width = first.args[0], last.args[0], by.args[0]
@@ -355,7 +357,7 @@ class Values(Calls):
         cases = []
         passed: list[Expr] = []
         for place in range(0, len(pairs), 2):
-            condition = self._one(pairs[place], bound)
+            condition = self._single(pairs[place], bound)
             if condition.op == "num":
                 if condition.args[0]:
                     otherwise = pairs[place + 1]
