@@ -10,7 +10,7 @@ from typing import Any
 
 from ..base.errors import ConfigError, Problem, in_order, listed, nearest
 from ..config import Places, correct_spelling, file_of
-from ..simulation.preparation import Judgement, Prepared, judge
+from ..simulation.preparation import ConfigCheck, Prepared, check_config
 from ..system.system import Instance
 from .axes import Axis, Level, as_text, axis_of
 from .derived import Derived, parse_derived, unknown_numbers
@@ -75,24 +75,24 @@ class _Check:
         data = dict(data)
         self._problems += correct_spelling(data, self._places, StudyModel)[0]
         self._model, unread, whole = read_study(data, self._places, self._problems)
-        judged = self._system(data.get("system"), folder, unchecked) if "system" not in unread else None
-        if judged is None:
+        checked = self._system(data.get("system"), folder, unchecked) if "system" not in unread else None
+        if checked is None:
             self._derive(None)
             unchecked.append("the design's values, and signals and numbers of quantities")
             raise self._error(unchecked)
-        self._judged, self._moved = judged, file_of(folder, judged.config.folder)
-        recorded = [str(port) for port in judged.system.recorded]
-        derived = self._derive(recorded if judged.whole else None)
+        self._checked, self._moved = checked, file_of(folder, checked.config.folder)
+        recorded = [str(port) for port in checked.system.recorded]
+        derived = self._derive(recorded if checked.whole else None)
         self._axes = self._make_axes("design" not in unread)
-        self._variants = Variants(judged.config, self._axes)
+        self._variants = Variants(checked.config, self._axes)
         blocks = Blocks(self._axes, self._problems, self._place)
         repeats = self._repeats()
         if "design" in unread:
             raise self._error([*unchecked, "the design's values"])
         block = blocks.make(self._model.design, ("design",))
-        prepared = judged.prepared
+        prepared = checked.prepared
         if prepared is None:
-            what = "numbers and instants" if judged.whole else "signals, numbers and instants"
+            what = "numbers and instants" if checked.whole else "signals, numbers and instants"
             raise self._error([*unchecked, "the system with the design's values", f"{what} of quantities"])
         if whole:
             self._problems += self._unknown_numbers(derived, blocks, prepared)
@@ -116,12 +116,12 @@ class _Check:
     def _place(self, path: tuple[str | int, ...]) -> str:
         return self._places.text(path)
 
-    def _system(self, system: Any, folder: Path, unchecked: list[str]) -> Judgement | None:
+    def _system(self, system: Any, folder: Path, unchecked: list[str]) -> ConfigCheck | None:
         if isinstance(system, str) and (folder / system).is_file():
             system = folder / system
         texts = [f"{path}={as_text(value)}" for path, value in self._model.set_.items()]
         try:
-            made = judge(system, texts, folder)
+            made = check_config(system, texts, folder)
         except ConfigError as error:
             self._problems += error.problems
             unchecked += error.unchecked
@@ -246,9 +246,9 @@ class _Check:
         into = self._model.repeats.into if self._model.repeats else []
         for path in (*(paths_of(self._model.design) if designed else ()), *into):
             where = ("repeats", "into") if path in into else ("design",)
-            system, config = self._judged.system, self._judged.config
+            system, config = self._checked.system, self._checked.config
             made = axis_of(path, system, config, self._moved, self._place(where))
-            if made is None or (isinstance(made, Problem) and not self._judged.whole):
+            if made is None or (isinstance(made, Problem) and not self._checked.whole):
                 continue  # what is wrong with the system may be what it lacks
             if isinstance(made, Problem):
                 self._problems.append(made)

@@ -233,7 +233,7 @@ def parse_derived(
     """Quantities by name.
 
     Args:
-        recorded: names of the signals that a run records; None: not known, and not judged.
+        recorded: names of the signals that a run records; None: not known, and not checked.
         place: where each was written.
     Raises: ConfigError with all that is wrong with them.
     """

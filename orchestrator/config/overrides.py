@@ -45,7 +45,7 @@ def override(
 
 
 def _likely_paths(data: dict[str, Any], name: str) -> list[Path]:
-    """What an override that leads nowhere may have been meant for, where that decides what else is judged."""
+    """What an override that leads nowhere may have been meant for, where other checks need to know."""
     head, _, rest = name.partition(".")
     if head == "run":
         return [("run", key) for key in close(rest, RunModel.model_fields)[:1]]

@@ -142,7 +142,7 @@ def create_effect(
         written: where the entry, or an option of it, was written.
         folder: what relative paths start from.
         element: of an array, counted from 0; None for a scalar.
-        units: whether `measure` is known; otherwise options in the signal's unit are not judged.
+        units: whether `measure` is known; otherwise options in the signal's unit are not checked.
     Returns: the effect, or all that is wrong with it.
     """
     found = _named(item, written, folder)

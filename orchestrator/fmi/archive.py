@@ -48,7 +48,7 @@ def checked_members(path: Path) -> list[zipfile.ZipInfo]:
 
 
 def check_members(label: Path | str, packed: int, members: list[zipfile.ZipInfo]) -> None:
-    """Judge an archive by its table of contents.
+    """Check an archive by its table of contents.
 
     Args:
         label: of the archive, for messages.
@@ -107,7 +107,7 @@ def check_members(label: Path | str, packed: int, members: list[zipfile.ZipInfo]
 
 
 def check_document(label: Path | str, member: zipfile.ZipInfo) -> None:
-    """Judge an XML file in an archive before it is read. Raises: FmuError if it expands too far."""
+    """Check an XML file in an archive before it is read. Raises: FmuError if it expands too far."""
     most = max(SMALLEST_DOCUMENT, DOCUMENT_EXPANSION * member.compress_size)
     if member.file_size > min(most, LARGEST_DOCUMENT):
         raise FmuError(
@@ -139,7 +139,7 @@ class Unpacked:
         self._folder: Path | None = None
 
     def check(self) -> None:
-        """Judge the archive without unpacking it.
+        """Check the archive without unpacking it.
 
         Raises: FmuError if it has no library for this platform, or entries that would harm.
         """

@@ -122,7 +122,7 @@ class CompiledInstance(Values):
         """What `write_inputs`, `do_step` and `read_outputs` call; None if they do more than that."""
         return None
 
-    def judge_step(self, status: int, point: Point) -> StepStatus:
+    def step_status(self, status: int, point: Point) -> StepStatus:
         """What a status that the step function returned means; only where there are native calls.
 
         Raises: StepError.

@@ -74,7 +74,7 @@ class Fmi2Instance(StatefulInstance):
         status = self._do_step(self._handle, point.time, point.step_size, self._saved_states == 0)
         if status == PENDING:
             status = self._wait()
-        return self.judge_step(status, point)
+        return self.step_status(status, point)
 
     def native_calls(self) -> NativeCalls | None:
         if self.run_options.event_mode or not self._moves_plainly():
@@ -95,7 +95,7 @@ class Fmi2Instance(StatefulInstance):
         """Of a function; 0 without it."""
         return cast(self._slave._functions.get(name), c_void_p).value or 0
 
-    def judge_step(self, status: int, point: Point) -> StepStatus:
+    def step_status(self, status: int, point: Point) -> StepStatus:
         if status <= 1:
             return StepStatus.WARNING if status else StepStatus.OK
         if status == _DISCARD:

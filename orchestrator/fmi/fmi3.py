@@ -228,7 +228,7 @@ class Fmi3Instance(StatefulInstance):
             status = self._do_step(self._handle, time, length, self._saved_states == 0, *self._returned)
             if between is not None:
                 between.raise_failure()
-            judged = self._judge(status)
+            judged = self._status_of(status)
             if judged > StepStatus.WARNING:
                 return judged
             worst = max(worst, judged)
@@ -277,8 +277,8 @@ class Fmi3Instance(StatefulInstance):
             outputs=tuple(self._outputs),
         )
 
-    def judge_step(self, status: int, point: Point) -> StepStatus:
-        judged = self._judge(status)
+    def step_status(self, status: int, point: Point) -> StepStatus:
+        judged = self._status_of(status)
         if (
             judged <= StepStatus.WARNING
             and self._early.value
@@ -294,7 +294,7 @@ class Fmi3Instance(StatefulInstance):
             )
         return judged
 
-    def _judge(self, status: int) -> StepStatus:
+    def _status_of(self, status: int) -> StepStatus:
         """What a status means, be the step complete or not. Raises: StepError."""
         if status == _DISCARD:
             return StepStatus.DISCARD

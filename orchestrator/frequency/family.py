@@ -101,7 +101,7 @@ class Family:
         return True
 
     def _size(self, values: Array) -> Array:
-        """What errors are judged by: each number's size, or a share of its matrix's largest."""
+        """What errors are checked by: each number's size, or a share of its matrix's largest."""
         size = np.max(abs(values), axis=0)
         edges = np.cumsum(
             [matrix.size for matrix in (self.system.a, self.system.b, self.system.c, self.system.d)]

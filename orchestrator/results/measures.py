@@ -101,13 +101,13 @@ def measure_class(name: str) -> type[Measure]:
 
 def choose_measures(config: Config) -> tuple[ChosenMeasure, ...]:
     """The measures of a config. Raises: ConfigError if one does not exist or its options are wrong."""
-    chosen, problems = judge_measures(config)
+    chosen, problems = check_measures(config)
     if problems:
         raise ConfigError(problems)
     return tuple(chosen)
 
 
-def judge_measures(config: Config) -> tuple[list[ChosenMeasure], list[Problem]]:
+def check_measures(config: Config) -> tuple[list[ChosenMeasure], list[Problem]]:
     """The measures of a config with which nothing is wrong, and what is wrong with the others."""
     chosen, problems = [], []
     for name, options in config.model.measures.items():

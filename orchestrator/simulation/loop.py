@@ -148,7 +148,7 @@ def simulate(
     problems = master.check(system)
     if system.longest_step is not None and float(grid.step_size) > system.longest_step * (1.0 + 1e-9):
         what = f"step size {float(grid.step_size)!r} s is longer than {system.longest_step!r} s"
-        problems.append(Problem("run.step_size", what, "the system's delays were judged by that one"))
+        problems.append(Problem("run.step_size", what, "the system's delays were checked by that one"))
     if problems:
         raise ConfigError(problems)
     with (

@@ -12,9 +12,9 @@ from ..base.errors import ConfigError, Problem, in_order
 from ..config import Config, Draft, read_config
 from ..config.base import exact_time
 from ..master import MasterAlgorithm, create_master
-from ..results.measures import ChosenMeasure, judge_measures, measure_names
+from ..results.measures import ChosenMeasure, check_measures, measure_names
 from ..system import checks
-from ..system.assembly import Judged, judge_system
+from ..system.assembly import CheckedSystem, check_system
 from ..system.system import System
 from .grid import Grid, time_problems
 
@@ -46,7 +46,7 @@ class Prepared:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class ConfigCheck:
     """What is known of a config, right or not.
 
     Attributes:
@@ -76,18 +76,18 @@ def prepare(
         config, overrides, folder: see `load_config`.
     Raises: ConfigError with all problems.
     """
-    judgement = judge(config, overrides, folder)
-    if judgement.prepared is None:
-        notes = (*judgement.config.notes, *judgement.system.notes)
-        raise ConfigError(judgement.problems, judgement.unchecked, notes)
-    return judgement.prepared
+    check = check_config(config, overrides, folder)
+    if check.prepared is None:
+        notes = (*check.config.notes, *check.system.notes)
+        raise ConfigError(check.problems, check.unchecked, notes)
+    return check.prepared
 
 
-def judge(
+def check_config(
     config: str | Path | Mapping[str, Any] | Config,
     overrides: Iterable[str] = (),
     folder: Path | None = None,
-) -> Judgement:
+) -> ConfigCheck:
     """As `prepare`, of a config that may have problems. Raises: ConfigError if little of it can be read."""
     draft = read_config(config, overrides, folder)
     problems, unchecked = [*draft.problems], [*draft.unchecked]
@@ -104,25 +104,25 @@ def judge(
         grid = _grid(draft, unchecked)
     except ConfigError as error:
         problems += error.problems
-    measures, wrong = judge_measures(draft.config)
+    measures, wrong = check_measures(draft.config)
     problems += wrong
     unread = model.measures.keys() & set(measure_names()) - {one.name for one in measures}
     unchecked += [f"signals of measures.{name}" for name in sorted(unread)]
     needed = {name: ("measures", one.name) for one in measures for name in one.signals()}
     # Whether an unknown master solves loops is unknown: one mistake is reported once.
-    judged = judge_system(draft, needed, loops=master is None or master.solves_loops)
-    problems += judged.problems
-    unchecked += judged.unchecked
-    problems += _steps(draft, judged, master, unchecked)
+    checked = check_system(draft, needed, loops=master is None or master.solves_loops)
+    problems += checked.problems
+    unchecked += checked.unchecked
+    problems += _steps(draft, checked, master, unchecked)
     prepared = None
     if not problems and master is not None and grid is not None:
-        prepared = Prepared(draft.config, judged.system, master, grid, tuple(measures))
-    names = {one.name for one in judged.system.instances}
+        prepared = Prepared(draft.config, checked.system, master, grid, tuple(measures))
+    names = {one.name for one in checked.system.instances}
     whole = names == model.instances.keys() | model.external.keys() and gaps.whole("run", "record")
     whole &= not (gaps.further("instances") or gaps.beneath("instances"))
     whole &= not problems or model.run.record == "all"
     ordered = tuple(in_order(problems))
-    return Judgement(draft.config, judged.system, prepared, ordered, tuple(unchecked), whole)
+    return ConfigCheck(draft.config, checked.system, prepared, ordered, tuple(unchecked), whole)
 
 
 def _grid(draft: Draft, unchecked: list[str]) -> Grid | None:
@@ -142,14 +142,14 @@ def _grid(draft: Draft, unchecked: list[str]) -> Grid | None:
 
 
 def _steps(
-    draft: Draft, judged: Judged, master: MasterAlgorithm | None, unchecked: list[str]
+    draft: Draft, checked: CheckedSystem, master: MasterAlgorithm | None, unchecked: list[str]
 ) -> list[Problem]:
     """What instances cannot do of the steps that they are to take, and what else the master asks for."""
     assert draft.config is not None
-    places, system = draft.config.places, judged.system
-    settled = [one for one in system.instances if one.name not in judged.unsettled]
+    places, system = draft.config.places, checked.system
+    settled = [one for one in system.instances if one.name not in checked.unsettled]
     problems = [] if master is None else master.check(system, places)
-    if draft.problems or judged.problems:
+    if draft.problems or checked.problems:
         # Signals and bonds may be missing for what is wrong; what an FMU cannot do it cannot in any case.
         paths = [("instances", one.name, *key) for one in settled for key in ((), ("step_size",))]
         sure = set(map(places.text, paths))

@@ -23,7 +23,7 @@ from .system import Instance, System
 
 
 @dataclass(frozen=True)
-class Judged:
+class CheckedSystem:
     """A system as far as nothing is wrong with it.
 
     Attributes:
@@ -39,9 +39,9 @@ class Judged:
     unsettled: frozenset[str] = frozenset()
 
 
-def judge_system(
+def check_system(
     draft: Draft, needed: Mapping[str, tuple[str, ...]] | None = None, *, loops: bool = False
-) -> Judged:
+) -> CheckedSystem:
     """The system of a config that may have problems, as far as it is known, and its further problems.
 
     Args:
@@ -61,7 +61,7 @@ def judge_system(
     unchecked = (f"ports and start values of {listed(missing)}",) if missing else ()
     record = [] if model.run.record == "all" else list(model.run.record)
     known = gaps.knows("run", "step_size")
-    judged = assemble_instances(
+    checked = assemble_instances(
         made.parts,
         model.connections,
         record=None
@@ -77,10 +77,10 @@ def judge_system(
         gaps=gaps,
         keep=model.run.unconnected == "keep",
     )
-    return Judged(
-        judged.system,
-        (*made.problems, *judged.problems),
-        (*unchecked, *judged.unchecked),
+    return CheckedSystem(
+        checked.system,
+        (*made.problems, *checked.problems),
+        (*unchecked, *checked.unchecked),
         made.unsettled | unsettled,
     )
 
@@ -99,7 +99,7 @@ def assemble_instances(
     bonds: Sequence[BondModel | None] | None,
     gaps: Gaps,
     keep: bool = True,
-) -> Judged:
+) -> CheckedSystem:
     """Check parts and connections, and make a system of what is right.
 
     Args:
@@ -107,9 +107,9 @@ def assemble_instances(
         connections: "a.y -> b.u" each, or the long form, {"from": "a.y", "to": "b.u", "through": [...]}.
         record: signals to record as instance.variable, and where each was asked for; None: every numeric
             output.
-        needed, loops: see `judge_system`.
+        needed, loops: see `check_system`.
         places: where the values were written, for messages.
-        absent: names of instances that already have a problem: what concerns them is not judged.
+        absent: names of instances that already have a problem: what concerns them is not checked.
         step_size: the largest communication step that the system is to take [s]: a delay that is no shorter
             breaks direct feedthrough. None: not known, and no delay does.
         folder: what relative paths of effects start from.
@@ -181,7 +181,7 @@ def assemble_instances(
         bonds=bonded,
         held=frozenset(rounds.held),
     )
-    return Judged(system, tuple(found), tuple(unchecked))
+    return CheckedSystem(system, tuple(found), tuple(unchecked))
 
 
 def _kept(instances: Sequence[Instance]) -> list[str]:
@@ -263,8 +263,8 @@ def _bonded(
         return bonded
     outputs = [Port(one.name, name.name) for one in instances for name in one.fmu.description.outputs]
     numeric = {str(port): port for port in outputs if variable(port).kind is Kind.REAL}
-    unjudged = [one.leading for one in stated]
-    return declared_bonds(bonds, connections, variable, numeric, places, problems, unjudged, absent, unknown)
+    faulty = [one.leading for one in stated]
+    return declared_bonds(bonds, connections, variable, numeric, places, problems, faulty, absent, unknown)
 
 
 def _recorded(

@@ -1,4 +1,4 @@
-"""What a system is checked for, one judgement each, with its message."""
+"""What a system is checked for, one check each, with its message."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def connection(
     target_description: ModelDescription,
     place: str,
 ) -> tuple[float, float, str] | list[Problem]:
-    """Judge a connection.
+    """Check a connection.
 
     Returns: gain, offset and a note (empty if there is nothing to note), or the problems.
     """
@@ -89,7 +89,7 @@ def _suggest(names: Sequence[str], instance: str) -> str:
 
 
 def end(port: Port, description: ModelDescription, causality: Causality, place: str) -> Problem | None:
-    """Judge one end of a connection."""
+    """Check one end of a connection."""
     own = description.outputs if causality is Causality.OUTPUT else description.inputs
     offered = f"{port.instance}'s {causality}s: {listed(map(str, own))}"
     variable = description.variables.get(port.variable)
@@ -252,7 +252,7 @@ def recordable(
     place: str,
     names: Sequence[str] = (),
 ) -> Problem | None:
-    """Judge a signal that is to be recorded; `names`: of all instances, where not all are described."""
+    """Check a signal that is to be recorded; `names`: of all instances, where not all are described."""
     if instance not in descriptions:
         what = f"no instance {instance!r} to record {instance}.{name} of"
         names = names or list(descriptions)

@@ -31,7 +31,7 @@ class Ends:
         through: its effects.
         element: of an array, counted from 0; None for a scalar.
         known: whether it is all there is of the connection. Of one that is not, sources may be missing and
-            the target be empty; what is there is judged, and no connection is made.
+            the target be empty; what is there is checked, and no connection is made.
     """
 
     index: int
@@ -163,54 +163,54 @@ def connect(
         problems, notes: what is found is added.
     Returns: None if there is a problem.
     """
-    judge = _Judge(ends, descriptions, absent, places, problems)
-    sources = [judge.port(name) for name, _ in ends.sources]
-    target = judge.port(ends.target) if ends.target else None
+    check = _ConnectionCheck(ends, descriptions, absent, places, problems)
+    sources = [check.port(name) for name, _ in ends.sources]
+    target = check.port(ends.target) if ends.target else None
     if not ends.known or target is None or None in sources:
-        judge.apart([one for one in sources if one is not None], target)
-        judge.links(ends, None, folder, step_size)
+        check.apart([one for one in sources if one is not None], target)
+        check.links(ends, None, folder, step_size)
         return None
     found = [one for one in sources if one is not None]
     if ends.plain:
         source = found[0]
         result = checks.connection(
-            source, descriptions[source.instance], target, descriptions[target.instance], judge.place
+            source, descriptions[source.instance], target, descriptions[target.instance], check.place
         )
         if isinstance(result, list):
             problems += result
             return None
         gain, offset, note = result
         if note:
-            notes.append(f"{judge.place}: {note}")
+            notes.append(f"{check.place}: {note}")
         return Connection(source, target, gain, offset)
     before = len(problems)
     for one in found:
-        judge.end(one, Causality.OUTPUT)
-    judge.end(target, Causality.INPUT)
+        check.end(one, Causality.OUTPUT)
+    check.end(target, Causality.INPUT)
     if len(problems) == before:
-        judge.kinds([*found, target])
+        check.kinds([*found, target])
     if len(problems) > before:
-        # What the effects are is judged without units then.
-        judge.links(ends, None, folder, step_size)
+        # What the effects are is checked without units then.
+        check.links(ends, None, folder, step_size)
         return None
-    legs, measure = judge.legs(found)
-    links, measure = judge.links(ends, measure, folder, step_size)
+    legs, measure = check.legs(found)
+    links, measure = check.links(ends, measure, folder, step_size)
     if len(problems) > before:
         return None
     made = Connection(found[0], target, wire=Wire(tuple(legs), tuple(links)))
     variable = descriptions[target.instance].variables[target.variable]
     wanted = Measure(variable.unit_name, variable.unit)
     what = f"cannot connect {made}: what comes out is in {measure.name or 'no unit'}"
-    factors = _converted(measure, wanted, judge.place, what, f"{target.instance}.{variable}")
+    factors = _converted(measure, wanted, check.place, what, f"{target.instance}.{variable}")
     if isinstance(factors, Problem):
         problems.append(factors)
         return None
     gain, offset, checked = factors
     if not checked:
-        notes.append(f"{judge.place}: {made}: units not checked")
+        notes.append(f"{check.place}: {made}: units not checked")
     elif (gain, offset) != (1.0, 0.0):
         shift = f" + {offset!r}" if offset else ""
-        notes.append(f"{judge.place}: {made}: converted, {gain!r} * value{shift}")
+        notes.append(f"{check.place}: {made}: converted, {gain!r} * value{shift}")
     return Connection(found[0], target, gain, offset, made.wire)
 
 
@@ -233,8 +233,8 @@ def _converted(
         return Problem(place, what, str(error))
 
 
-class _Judge:
-    """Judges the parts of one connection."""
+class _ConnectionCheck:
+    """Checks the parts of one connection."""
 
     def __init__(
         self,
@@ -301,7 +301,7 @@ class _Judge:
         return single and all(isinstance(item, Mapping) and "map" in item for item in ends.through)
 
     def kinds(self, ports: list[Port]) -> None:
-        """Judge whether values of the one end's kind are values of the other's."""
+        """Check whether values of the one end's kind are values of the other's."""
         kinds = {self._descriptions[port.instance].variables[port.variable].kind for port in ports}
         if len(kinds) > 1 and kinds != {Kind.INTEGER, Kind.ENUMERATION}:
             what = f"cannot connect {self._ends}: types differ, {listed(sorted(kinds))}"
@@ -376,7 +376,7 @@ class _Judge:
         """The effects in turn, and the unit of what comes out.
 
         Args:
-            measure: of what goes in; None: not known, and what depends on it is not judged.
+            measure: of what goes in; None: not known, and what depends on it is not checked.
         """
         links: list[Link] = []
         known = measure is not None

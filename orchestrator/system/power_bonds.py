@@ -258,7 +258,7 @@ def declared_bonds(
     ports: Mapping[str, Port],
     places: Places,
     problems: list[Problem],
-    unjudged: Collection[str] = (),
+    faulty: Collection[str] = (),
     absent: Container[str] = (),
     further: bool = False,
 ) -> tuple[Bond, ...]:
@@ -271,11 +271,11 @@ def declared_bonds(
         ports: all numeric outputs, by instance.variable.
         places: where the values were written.
         problems: what is wrong is added here.
-        unjudged: connections of the config that have a problem of their own, as "a.y -> b.u"; absent: such
+        faulty: connections of the config that have a problem of their own, as "a.y -> b.u"; absent: such
             instances. A bond is not blamed for them.
         further: whether there may be connections that are not known.
     """
-    known: dict[str, Connection | None] = dict.fromkeys(unjudged)
+    known: dict[str, Connection | None] = dict.fromkeys(faulty)
     known |= {f"{one.source} -> {one.target}": one for one in connections}
     made = []
     for index, model in enumerate(models):

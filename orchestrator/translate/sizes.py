@@ -1,6 +1,6 @@
 """Sizes of arrays and ranges, judged before the compiler: at huge ones it fills the memory or aborts.
 
-What is judged is the text: numbers, and names of Integers by the largest value that a declaration or
+What is checked is the text: numbers, and names of Integers by the largest value that a declaration or
 modification gives them. What is not known counts as one element.
 """
 

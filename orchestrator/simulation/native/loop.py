@@ -254,7 +254,7 @@ def _judged(
         one.stand_at(own.time)
         if phase == Phase.GET:
             one.fail_block(tables.blocks[row], status)
-        return one.judge_step(status, own)
+        return one.step_status(status, own)
     except StepError as error:
         instances.nonfinite_sources.blame_inputs(who, point, error)
         raise

@@ -1,6 +1,6 @@
 """Redeclarations that the compiler would take for others, silently, and that `specialised` leaves.
 
-They concern elements of classes of libraries; what is judged is the text of the model's own classes.
+They concern elements of classes of libraries; what is checked is the text of the model's own classes.
 """
 
 from __future__ import annotations
