@@ -64,6 +64,8 @@ NAMES: dict[str, tuple[str, ...]] = {
     "dynamics.residual-gravity": ("offset",), "dynamics.cable": ("stiffness",),
     "dynamics.drag": ("viscous friction",), "dynamics.appendage": ("resonance",),
     "dynamics.slosh": ("resonance",), "controller.lead": ("lag",), "controller.stiffness-gain": ("gain",),
+    # Outside the rig's catalogue, but laws of the library.
+    "u_clip": ("saturation",), "u_cog": ("ripple",),
 }  # fmt: skip
 
 
@@ -167,12 +169,12 @@ def judged(truth: dict[str, Any], data: dict[str, Any]) -> tuple[bool, bool, str
         any(port.startswith(PORTS[place]) for port, *_ in laws) for place in truth["places"]
     ]  # fmt: skip
     names = {family for _, family, _ in laws}
-    known = [set(NAMES.get(effect, ())) for effect in truth["effects"]]
+    known = [set(NAMES.get(effect, ())) for effect in (*truth["effects"], *truth["outside"])]
     if not truth["places"]:
         right = data["verdict"] == "none" and not laws
         return right, right, " + ".join(said)
     outside = data["verdict"] == "outside"
-    effects = [bool(one & names) if one else outside for one in known] or [outside]
+    effects = [bool(one & names) or (outside and not one) for one in known]
     return all(places), all(effects), " + ".join(said)
 
 
