@@ -28,7 +28,7 @@ from orchestrator.diagnosis.rig.checks import check_logs
 from orchestrator.diagnosis.rig.study import UNITS as NOMINAL_UNITS
 from orchestrator.diagnosis.rig.study import load_study
 from orchestrator.diagnosis.study.keys import Logged
-from orchestrator.diagnosis.study.logs import LogError, read_log
+from orchestrator.diagnosis.study.logs import LogError, name_and_unit, read_log
 from orchestrator.diagnosis.study.mapping import columns_of, read_mapping
 
 SIGNALS = (
@@ -463,3 +463,15 @@ def test_units_in_headers(header, name, unit, tmp_path):
     (tmp_path / "log.csv").write_text(f"{header},other\n1.5,2\n")
     log = read_log(tmp_path / "log.csv")
     assert log[name].unit == unit and log[name].values.tolist() == [1.5]
+
+
+@pytest.mark.parametrize(
+    ("header", "name", "unit"),
+    [
+        ("Time (s)", "Time", "s"), ("flow rate (L/min)", "flow rate", "L/min"), ("force [N]", "force", "N"),
+        ("pressure (absolute)", "pressure (absolute)", ""), ("valve (1)", "valve (1)", ""),
+        ("f(x)", "f(x)", ""),
+    ],
+)  # fmt: skip
+def test_a_header_gives_name_and_unit(header: str, name: str, unit: str) -> None:
+    assert name_and_unit(header) == (name, unit)

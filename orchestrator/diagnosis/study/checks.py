@@ -48,7 +48,8 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
     found = [_mistake(replay, run, given[run.name]) for run in study.runs]
     mistakes = [one for one in found if one is not None]
     refused = merged_problems(mistakes, "the same in {} more run{s}")
-    unstable, drifting = _opened(replay, given)
+    # A mistake of a log that is fed opens no loop.
+    unstable, drifting = _opened(replay, given) if not refused else ([], [])
     refused += unstable or _diverging(study, given, stops)
     # Beside a mistake of another kind nothing says about clocks.
     late, doubtful = wrong_clocks(replay, given) if not refused else ([], [])
@@ -70,8 +71,7 @@ def _compared(study: PortStudy, run: PortRun) -> list[Port]:
 
 
 def _opened(replay: Replay, signals: Mapping[str, Signals]) -> tuple[list[Problem], list[Warned]]:
-    """Fed logs without which the model follows the machine, by the loop that they open, and with which it
-    does not.
+    """Fed logs with which the model loses the machine, since they open a loop, and without which it follows.
 
     Returns: a problem where the model is unstable then, which no simulation follows; otherwise a warning. A
         system that only drifts away, as an integrator does, hardly answers to a slight change of the logs.

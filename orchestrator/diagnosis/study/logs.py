@@ -18,6 +18,7 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.errors import needs
+from ...base.units import UnitError, parse_unit
 from .log_sizes import LogError, check_columns, check_mat, check_mcap, check_size, gunzipped
 
 _NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
@@ -64,9 +65,25 @@ def read_log(path: Path) -> dict[str, Signal]:
 
 
 def name_and_unit(header: str) -> tuple[str, str]:
-    """Name and unit of a header like `force [N]`; `opening [1]` has the unit 1, `q[1]` is an element."""
+    """Name and unit of a header like `force [N]`; `opening [1]` has the unit 1, `q[1]` is an element.
+
+    What stands in parentheses counts if it is a unit, as in `force (N)`; `pressure (absolute)` has none.
+    """
     match = re.fullmatch(r"\s*(.+?)(?:\s*\[([^\[\]]*[^\[\]\d][^\[\]]*)\]|\s+\[(1)\])\s*", header)
-    return (match[1], match[2] or match[3]) if match else (header.strip(), "")
+    if match:
+        return match[1], match[2] or match[3]
+    match = re.fullmatch(r"\s*(.+?)\s+\(([^()]*[^()\d\s][^()]*)\)\s*", header)
+    if match and _is_unit(match[2]):
+        return match[1], match[2]
+    return header.strip(), ""
+
+
+def _is_unit(text: str) -> bool:
+    try:
+        parse_unit(text)
+    except UnitError:
+        return False
+    return True
 
 
 def _table(table: Any, line: int | None = None) -> dict[str, Signal]:
