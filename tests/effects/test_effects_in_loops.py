@@ -296,7 +296,8 @@ def test_a_delay_of_a_step_breaks_an_algebraic_loop_and_a_shorter_one_does_not()
     with pytest.raises(ConfigError) as caught:
         simulated(system, "gauss-seidel", 50)
     assert str(caught.value) == (
-        "run.step_size: step size 0.02 s is longer than 0.01 s\n  the system's delays were checked by that one"
+        "run.step_size: step size 0.02 s is longer than 0.01 s\n"
+        "  the system's delays were checked by that one"
     )
 
 
