@@ -134,7 +134,7 @@ def simulate(
         observers: called with the point and the signals; signals are new at every point and may be kept.
         report: filled also when the run fails.
         loop: "python", "native" (machine code; the same results to the bit) or "auto": native where that is
-            possible and faster.
+            possible and faster; "prefer native": where that is possible.
         ledger: of the coupling; filled also when the run fails. One without bonds costs nothing.
         pace: by which steps begin; as soon as they can without.
         layout: of the signals, where it holds more than those of the system; see `Layout.of`.

@@ -82,7 +82,7 @@ def study_of(case: Path, out: Path) -> Path:
     }
     walls = {"front": f"{given['front_wall']} m", "rear": f"{given['rear_wall']} m"}
     starts = {
-        # The master holds the sensor's force of a step's end from its begin on.
+        # The master gives the sensor the force of a step's end over the whole step.
         "robot": {
             "omega_n": f"{given['natural_frequency']} Hz", "xi_n": given["damping_ratio"],
             "tau_m": f"{given['response_delay']} s",

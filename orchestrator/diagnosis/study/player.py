@@ -10,7 +10,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from ...base.errors import ConfigError, StepError
+from ...base.errors import StepError
 from ...effects import Effect
 from ...effects.gain import Gain
 from ...effects.offset import Offset
@@ -115,24 +115,18 @@ class Player:
         seen = _Seen(np.array(places, np.intp), taken)
         grid = Grid(Fraction(0), self.step_size, (samples - 1) * self._parts)
 
-        def simulated(loop: str) -> None:
-            report, stop = Report(), None
-            # Of a model that runs away, what it gave until then is there.
-            try:
-                simulate(
-                    system, self._master, grid, (seen,), report, loop=loop, layout=layout, pool=self._pool
-                )
-            except StepError as error:
-                stop = error
-            stop = report.ended or stop
-            if stops is not None and stop is not None:
-                stops.append(stop)
-
+        report, stop = Report(), None
+        # Of a model that runs away, what it gave until then is there.
         try:
-            simulated("native")
-        except ConfigError:
-            taken[:] = np.nan
-            simulated("python")
+            simulate(
+                system, self._master, grid, (seen,), report, loop="prefer native", layout=layout,
+                pool=self._pool,
+            )  # fmt: skip
+        except StepError as error:
+            stop = error
+        stop = report.ended or stop
+        if stops is not None and stop is not None:
+            stops.append(stop)
         return dict(zip(self.compared, taken[:, :: self._parts], strict=True))
 
     def feeding(self, port: Port) -> Connection | None:

@@ -13,7 +13,7 @@ from .law_fit import Candidate, Fitted
 from .score import odds_of
 from .search import LEAST, SECOND, Search
 
-# Shares of what is left that a law must close: the first or a rarer one, and a second one.
+# Shares of the residual that a law must close: the first or a rarer one, and a second one.
 _FIRST_CLOSES, _SECOND_CLOSES = 0.3, 0.5
 # Share that an answer must close of what another one leaves, if it moves a parameter beyond its tolerance, or
 # has more numbers than the other, of the same family.

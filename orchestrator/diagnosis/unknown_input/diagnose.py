@@ -10,6 +10,7 @@ from typing import Any
 
 from ...base.atomic_files import write_text
 from ...base.errors import ConfigError
+from ...results.file_formats import strict
 from ...simulation.run_folder import folder_at
 from ..study.checks import check_logs
 from ..study.native import in_native_form
@@ -17,7 +18,7 @@ from ..study.reader import load_port_study
 from ..study.study import PortStudy
 from .answer import Answer, answer
 from .corrected import write_corrected
-from .report import data_of, finite, text_of
+from .report import data_of, text_of
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class DiagnosedSystem:
     @property
     def data(self) -> dict[str, Any]:
         """The content of diagnosis.json."""
-        return finite(data_of(self.answer))
+        return strict(data_of(self.answer))
 
     def __str__(self) -> str:
         text = text_of(self.name, self.answer)
@@ -86,7 +87,7 @@ def diagnose_system(
         from .page import page
 
         write_text(folder / "report.html", page(study.name, found))
-    data = json.dumps(finite(data_of(found)), allow_nan=False, ensure_ascii=False, indent=1)
+    data = json.dumps(strict(data_of(found)), allow_nan=False, ensure_ascii=False, indent=1)
     write_text(folder / "diagnosis.json", data + "\n")
     kept = {*earlier, *_models(folder)}
     written = tuple(sorted(p.name for p in folder.iterdir() if p.name in kept))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -48,17 +47,8 @@ def _law_unit(unit: str, place: str, signal: str, second: str) -> str:
     return re.sub(r"\b([wuv])(?=\b|\d|\^)", lambda found: words[found[1]], unit)
 
 
-def finite(data: Any) -> Any:
-    """JSON data with null in place of numbers that JSON lacks, as of a run that the model leaves for good."""
-    if isinstance(data, dict):
-        return {key: finite(one) for key, one in data.items()}
-    if isinstance(data, list):
-        return [finite(one) for one in data]
-    return None if isinstance(data, float) and not math.isfinite(data) else data
-
-
 def data_of(found: Answer) -> dict[str, Any]:
-    """The answer as data, whose numbers may be infinite; see `finite`."""
+    """The answer as data, whose numbers may be infinite; see `results.file_formats.strict`."""
     return {
         "format": "unknown-input/2",
         "verdict": found.verdict,

@@ -90,7 +90,7 @@ def choose_loop(
 
     Args:
         loop: "auto" takes the native one where it can run and saves more than its start-up costs. It is
-            compiled when it first runs, and then kept on disk.
+            compiled when it first runs, and then kept on disk. "prefer native" takes it where it can run.
         steps: of the complete run.
         ledger: whether the coupling's energy is kept books of.
     Raises: ConfigError if the native loop is asked for and cannot run.

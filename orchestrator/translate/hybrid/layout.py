@@ -149,7 +149,7 @@ def _expressions(system: System) -> Iterator[Expr]:
 
 
 def reported_actions(system: System) -> list[Action]:
-    """The actions that the importer hears of: all but those that set states."""
+    """The actions that are reported to the importer: all but those that set states."""
     return [one for one in system.model.actions if one.kind != "reinit"]
 
 
