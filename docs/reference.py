@@ -432,7 +432,7 @@ def _drawn(members: list[Law]) -> str:
     signal = time / time[-1] * np.sin(1.5 * time)
     sizes = {"spread": 0.4, "interval": interval, "rate": 1.0 / interval, "one": 1.0, "run": time[-1],
              "slope": 0.8, "step": 0.4 * interval, "second": 0.9, "product": 0.2, "range": 2.0,
-             "second range": 2.0, "second step": 0.36 * interval,
+             "second range": 2.0, "second step": 0.36 * interval, "tone": 6.0,
              "most": float(np.abs(signal).max())}  # fmt: skip
     columns = 6
     lines = -(-len(members) // columns)

@@ -43,7 +43,8 @@ PORTS = {
 }  # fmt: skip
 # Families of laws, and calibrated parameters, that name an effect. Of others "outside" is right.
 NAMES: dict[str, tuple[str, ...]] = {
-    "link.clock-skew": ("lag", "drift"), "robot.delay": ("lag", "robot.tau_m"),
+    "link.clock-skew": ("lag", "drift"), "link.sample-and-hold": ("hold",),
+    "robot.delay": ("lag", "robot.tau_m"),
     "robot.bandwidth": ("lag", "robot.omega_n"), "robot.damping": ("lag", "robot.xi_n"),
     "robot.rate-limit": ("rate limit", "saturation"),
     "robot.acceleration-limit": ("rate limit", "saturation"),
@@ -65,7 +66,7 @@ NAMES: dict[str, tuple[str, ...]] = {
     "dynamics.drag": ("viscous friction",), "dynamics.appendage": ("resonance",),
     "dynamics.slosh": ("resonance",), "controller.lead": ("lag",), "controller.stiffness-gain": ("gain",),
     # Outside the rig's catalogue, but laws of the library.
-    "u_clip": ("saturation",), "u_cog": ("ripple",),
+    "u_clip": ("saturation",), "u_cog": ("ripple",), "u_hum": ("periodic disturbance",),
 }  # fmt: skip
 
 

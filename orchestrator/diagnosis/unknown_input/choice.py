@@ -68,7 +68,13 @@ def choose_answer(search: Search, weighed: Sequence[Weighed]) -> int:
                 if gain > LEAST and far and not still:
                     chosen = best[count]
                 continue
-            if gain > LEAST and closed_share(chosen, best[count]) >= share:
+            # What calibration explains only by parameters beyond their tolerances, a law explains without.
+            needless = (
+                count == 1
+                and search.far(before.polished.constants)
+                and not search.far(after.polished.constants)
+            )
+            if gain > LEAST and (needless or closed_share(chosen, best[count]) >= share):
                 chosen = best[count]
     answer = weighed[chosen]
     simpler = [

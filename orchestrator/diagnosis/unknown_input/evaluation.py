@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -55,8 +56,8 @@ class Inserted:
 
     Attributes:
         settled: states that start at the first signal.
-        delay: whether its first number delays the first signal. Open simulations then look the signal up in
-            the past, filters take the law's states.
+        delay: see `Law.delay`. Open simulations then look the signal up in the past, filters take the law's
+            states.
     """
 
     place: Place
@@ -65,7 +66,7 @@ class Inserted:
     numbers: int
     states: int = 0
     settled: tuple[int, ...] = ()
-    delay: bool = False
+    delay: str = ""
 
 
 @njit()
@@ -119,6 +120,19 @@ def _delayed(past, now, time, signal):
 
 
 @njit(allocates=False)
+def _since(t, period, share, before):
+    """Time since the latest of the instants (n + share) period, at t or, if asked, before it.
+
+    Before the first one it is that since 0. Of the share, what is beyond 1 does not count.
+    """
+    period, share = abs(period) + 1e-300, share - math.floor(share)
+    number = math.floor(t / period - share + 1e-6)
+    if before:
+        number = math.ceil(t / period - share - 1e-6) - 1.0
+    return max(t - period * (number + share), 0.0) if number >= 0.0 else t
+
+
+@njit(allocates=False)
 def _acting(act, x, u, y, t, w, signals, theta, hidden, extra, past, now, call):
     """What one row of `acts` adds at its place; writes the derivatives of its law's states."""
     total = w if act[_HAS_W] else 0.0
@@ -133,7 +147,10 @@ def _acting(act, x, u, y, t, w, signals, theta, hidden, extra, past, now, call):
         states = hidden.ctypes.data + 8 * act[_HIDDEN]
         call_law(act[_LAW], t, s.ctypes.data, numbers, states, out.ctypes.data)
         if act[_DELAY] and len(past) > 0:
-            out[0] = _delayed(past, now, theta[act[_NUMBER]], s[0]) - s[0]
+            late = theta[act[_NUMBER]]
+            if act[_DELAY] == 2:
+                late = _since(t, late, theta[act[_NUMBER] + 1], now[3] == 2.0)
+            out[0] = _delayed(past, now, late, s[0]) - s[0]
         total += out[0]
         for k in range(act[_STATES]):
             extra[act[_HIDDEN] + k] = out[1 + k]
@@ -230,7 +247,7 @@ def acts_of(laws: Sequence[Inserted], w: Place | None, interval: float) -> tuple
         where = one.place
         rows.append([
             int(where.kind), where.component, where.index, 0, one.address, len(signals), len(one.signals),
-            number, hidden, one.states, round(1e9 * interval), int(one.delay),
+            number, hidden, one.states, round(1e9 * interval), ("", "fixed", "held").index(one.delay),
         ])  # fmt: skip
         signals += one.signals
         number, hidden = number + one.numbers, hidden + one.states

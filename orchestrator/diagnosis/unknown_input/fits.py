@@ -15,7 +15,7 @@ from .held_out_replay import closed
 from .law_fit import Candidate, Fitted
 from .laws import Number
 from .places import Runs
-from .polish import Polished, polished
+from .polish import Polished, Replays, polished
 from .score import SAMPLES
 
 Array = NDArray[np.float64]
@@ -71,6 +71,7 @@ class Fits:
         self.runs, self.model, self.study = runs, runs.model, runs.model.study
         self.samples = runs.affordable(SAMPLES)
         self.base = polished(runs, (), runs.model.nominal, samples=self.samples)
+        runs.tone = Replays(runs, (), starts=self.base.starts).tone(self.base.constants)
         constants = self.base.constants, self.base.covariance
         self.nothing = Fitted((), np.zeros(0), np.zeros(0), 0.0, constants)
         self.left_out: list[str] = []

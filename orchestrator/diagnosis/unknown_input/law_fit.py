@@ -135,6 +135,8 @@ def readable(model: StateModel, place: Place, late: bool = False) -> list[Candid
             continue
         if law.second and not model.filters:
             continue  # a system that is replayed by its master reads one signal
+        if joins and not law.unlogged:
+            continue
         for name, index in signals.items():
             if not law.fits(_unit(model, index), index == own, what):
                 continue
@@ -169,7 +171,7 @@ def starts_of(one: Candidate, runs: Runs) -> list[list[float]]:
     spread, interval = runs.spread[first], runs.model.study.interval
     sizes = {
         "spread": spread, "interval": interval, "rate": 1.0 / interval, "one": 1.0,
-        "run": runs.length, "slope": runs.slope[first], "step": spread * interval,
+        "run": runs.length, "tone": runs.tone, "slope": runs.slope[first], "step": spread * interval,
         "second step": runs.spread[second] * interval,
         "most": max(abs(runs.low[first]), abs(runs.high[first])),
         "second": max(abs(runs.low[second]), abs(runs.high[second])),
@@ -178,7 +180,7 @@ def starts_of(one: Candidate, runs: Runs) -> list[list[float]]:
         "second range": runs.high[second] - runs.low[second],
     }  # fmt: skip
     begins = {"range": runs.low[first], "second range": runs.low[second]}
-    if sizes["range"] < one.law.covers:
+    if sizes["range"] < one.law.covers or any(sizes[number.by] == 0.0 for number in one.law.numbers[1:]):
         return []
     return one.law.starts(sizes, begins)
 

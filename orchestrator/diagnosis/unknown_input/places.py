@@ -52,10 +52,11 @@ class Runs:
         scale: spread of each state; parameters follow, by their tolerance.
         spread: of all signals [states, inputs, outputs]. slope: of their derivatives.
         low, high: least and largest values of the signals.
+        tone: frequency of what calibration leaves, once it is known, where that is a tone [rad/s]; else 0.
     """
 
     def __init__(self, model: StateModel, runs: Sequence[PortRun]) -> None:
-        self.model, self.runs = model, tuple(runs)
+        self.model, self.runs, self.tone = model, tuple(runs), 0.0
         self.data = [(*model.external(run), model.logged(run), model.started(run)) for run in runs]
         self.sub = 1
         if model.filters:

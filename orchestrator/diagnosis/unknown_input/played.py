@@ -20,6 +20,7 @@ from ...effects import Effect
 from ...effects.base import Array as Memory
 from ...effects.base import Numbers
 from ...effects.delay import Delay
+from ...effects.sample_and_hold import SampleAndHold
 from ...fmi import Causality, Kind, Value
 from ...system.connection import Port
 from ..study.player import Inserted as AtPort
@@ -33,8 +34,8 @@ from .model import StateModel
 Array = NDArray[np.float64]
 # Numbers, and states, that a law has at most; steps of its states between two communication points.
 _MOST, _PARTS = 4, 8
-# Evaluations of a component that a step of an instance by the master takes as long as.
-_STEP = 10
+# Evaluations of a component that a communication step of an instance takes as long as.
+_STEP = 20
 # Simulations of each part of a system that are kept.
 _KEPT = 64
 
@@ -234,14 +235,16 @@ class PlayedModel(StateModel):
         }
         names, values = (*self.states, *self.parameters), (*z[:nx], *z[nx + hidden : at])
         start |= {port: float(value) for port, value in zip(names, values, strict=True)}
-        self.effort.add(_STEP * len(ext) * len(self.instances))
         put = []
         for one in laws:
             place, signal = self._port(one.place), one.signals[0]
             own = signal == nx + one.place.index + (len(self.inputs) if one.place.kind is Kinds.OUTPUT else 0)
             effect: Effect
             if one.delay and own:
-                effect = Delay(time=abs(float(z[at])), before=None)
+                time = abs(float(z[at]))
+                effect = Delay(time=time, before=None)
+                if one.delay == "held":
+                    effect = SampleAndHold(period=time, phase=float(z[at + 1]) % 1.0 * time)
             else:
                 effect = LawEffect(
                     address=float(one.address), own=own, states=one.states,
@@ -250,6 +253,11 @@ class PlayedModel(StateModel):
                 )  # fmt: skip
             put.append(AtPort(effect, place, () if own else (self._signal(signal),)))
             at += one.numbers
+        # What is kept differs from copy to copy of the process. So parts that laws change count, whether kept
+        # or not: the others are kept.
+        acting = [part for part in self._parts if any(one.port.instance in part.instances for one in put)]
+        stepped = sum(len(part.instances) for part in acting or self._parts)
+        self.effort.add(_STEP * self.study.parts * len(ext) * stepped)
         if not signals:
             outputs = np.zeros((len(ext), len(self.compared)))
             for part in self._parts:

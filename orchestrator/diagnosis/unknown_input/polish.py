@@ -20,6 +20,8 @@ from .places import Runs
 Array = NDArray[np.float64]
 WORST = 1e5  # residuals over the noise are cut off there, where a simulation runs away
 _STEEPEST = 1e100  # derivatives are cut off there
+# Periods of a tone in a run, and share of the residual's power that is one.
+_PERIODS, _TONE = 5, 0.3
 _STEP = 1e-5  # of finite differences, over the size of a number
 
 
@@ -84,6 +86,23 @@ class Replays:
         """The residuals of all runs, one after the other."""
         begin = self.starts if starts is None else starts
         return np.concatenate([self.left(k, begin[k], constants) for k in range(len(self.data))])
+
+    def tone(self, constants: Array) -> float:
+        """Frequency of the residual [rad/s], 0 if it is no tone: if little of it lies near one frequency."""
+        interval, most = self.model.study.interval, max(len(one[2]) for one in self.data)
+        size = 1 << (8 * most).bit_length()
+        power = np.zeros(size // 2 + 1)
+        for k, (_, _, logged) in enumerate(self.data):
+            left = (self.found(k, self.starts[k], constants) - logged)[self.settled :] / self.model.noise
+            left = np.nan_to_num(np.clip(left, -WORST, WORST))
+            left = (left - left.mean(axis=0)) * np.hanning(len(left))[:, None]
+            power += (np.abs(np.fft.rfft(left, size, axis=0)) ** 2).sum(axis=1)
+        # Between two bins of the run's own length, and from a few periods on.
+        width = 2 * size // most
+        power[: _PERIODS * size // most] = 0.0
+        peak = int(np.argmax(power))
+        near = float(power[max(0, peak - width) : peak + width + 1].sum())
+        return 2.0 * np.pi * peak / (size * interval) if near > _TONE * float(power.sum()) > 0.0 else 0.0
 
     def sizes(self, constants: Array) -> Array:
         """By how much constants may change: tolerances, and the numbers themselves."""

@@ -3,15 +3,16 @@
 The calibrated model's residual is regressed on what a law changes in the outputs, beside what parameters and
 start states change (a score test). Laws and pairs of laws that explain much of the residual are worth a fit.
 A law in proportion to its amplitude is predicted from the derivatives along the runs, where these are known.
-Others take a simulation each.
+Others take simulations: where nothing is predicted, of one run, and of all if the law explains some of that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
+from itertools import combinations, pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,95 +78,177 @@ class Scores:
         return [(pair[0], pair[1]) for *_, pair in found[:most]]
 
 
+class _Left:
+    """What is left of some residuals, and what a law explains of it, beside parameters and start states.
+
+    These explain what they can within their tolerances, as in a fit.
+    """
+
+    def __init__(self, weight: float, residual: Array, own: Array, prior: Array, away: Array) -> None:
+        self.weight, self.more = weight, np.zeros(len(away))
+        self.basis = _basis(np.vstack([weight * own, prior]))
+        self.left = self._beside(np.r_[weight * residual, away])
+        self.whole = float(self.left @ self.left)
+
+    def change(self, changed: Array) -> Array:
+        """What a law changes, by what it changes in the residuals."""
+        return self._beside(np.r_[self.weight * changed, self.more])
+
+    def shown(self, change: Array) -> bool:
+        """Whether a change explains more than next to nothing."""
+        return float(change @ self.left) ** 2 > _UNSEEN * self.whole * float(change @ change)
+
+    def _beside(self, values: Array) -> Array:
+        return values - self.basis @ (self.basis.T @ values)
+
+
+class _Begin(_Left):
+    """What is left at fitted numbers, of all runs and of one; by default the run of which most is left."""
+
+    def __init__(self, replays: Replays, constants: Array, worst: int | None = None) -> None:
+        self.replays, self.constants = replays, constants
+        self.residual = replays.residual(constants)
+        own = replays.sensitivity(constants)
+        self.free = _basis(own)
+        weight, prior, away = replays.bounds(self.residual, constants)
+        super().__init__(weight, self.residual, own, prior, away)
+        self.followed = np.abs(self.residual) < WORST
+        ends = np.cumsum([0, *(int(mask.sum()) for mask in replays.masks)])
+        powers = [float((self.left[i:j] ** 2).sum()) for i, j in pairwise(ends)]
+        self.worst = int(np.argmax(powers)) if worst is None else worst
+        self.part = slice(ends[self.worst], ends[self.worst + 1])
+        self.there = _Left(weight, self.residual[self.part], own[self.part], prior, away)
+
+
 def scored(
-    runs: Runs, places: Sequence[Place], laws: Sequence[Inserted], constants: Array, starts: Sequence[Array],
-    most: int = 40, late: bool = False,
-) -> Scores:  # fmt: skip
-    """The laws that explain most of what is left, best first.
+    runs: Runs, places: Sequence[Place], laws: Sequence[Inserted],
+    begins: Sequence[tuple[Array, Sequence[Array]]], most: int = 40, late: bool = False,
+) -> list[Scores]:  # fmt: skip
+    """The laws that explain most of what is left at each begin, best first.
 
     Args:
-        laws: inserted already. constants: parameters, then their numbers, as fitted. starts: of each run.
+        laws: inserted already. begins: parameters, then their numbers, as fitted, and start states.
         late: the laws that are tried late, and not the others.
     """
-    replays = Replays(runs, laws, SAMPLES, starts)
-    residual, own = replays.residual(constants), replays.sensitivity(constants)
-    free = _basis(own)
-    # Parameters and start states explain what they can within their tolerances, as in a fit.
-    weight, prior, away = replays.bounds(residual, constants)
-    basis = _basis(np.vstack([weight * own, prior]))
-    left = np.r_[weight * residual, away]
-    left -= basis @ (basis.T @ left)
-    whole = float(left @ left)
-    small = Responses(runs, laws, constants, starts, SAMPLES, places) if runs.model.filters else None
-    followed = np.abs(residual) < WORST
+    begun: list[_Begin] = []
+    for constants, starts in begins:
+        worst = begun[0].worst if begun else None
+        begun.append(_Begin(Replays(runs, laws, SAMPLES, starts), constants, worst))
+    first = begun[0]
 
-    def promising(one: Candidate) -> list[Array]:
+    def predicted(at: _Begin) -> Responses | None:
+        if not runs.model.filters:
+            return None
+        return Responses(runs, laws, at.constants, at.replays.starts, SAMPLES, places)
+
+    small = [predicted(one) for one in begun]
+
+    def promising(one: Candidate, at: _Begin, small: Responses | None) -> list[Array]:
         """Numbers where a law is tried: of many, those that are predicted to leave least."""
         starts = [np.array(start) for start in starts_of(one, runs)]
         if small is None or one.law.linear:
             return starts
         found = []
         for numbers in starts:
-            change = np.r_[weight * np.where(followed, small.of(one, numbers), 0.0), np.zeros(len(away))]
-            change -= basis @ (basis.T @ change)
-            along, power = float(change @ left), float(change @ change)
-            if along**2 > _UNSEEN * whole * power:
-                found.append((2.0 * along + power, numbers))
+            change = at.change(np.where(at.followed, small.of(one, numbers), 0.0))
+            if at.shown(change):
+                found.append((float(change @ (2.0 * at.left + change)), numbers))
         return [numbers for _, numbers in sorted(found, key=lambda each: each[0])[:_STARTS]]
 
-    def changed(place: Place, candidates: Sequence[Candidate]) -> list[tuple[Candidate, Array]]:
-        """Laws at a place that change the residual, and what they change."""
-        found = []
-        for one in candidates:
-            law = one.law
-            with_law = Replays(runs, [*laws, one.inserted], SAMPLES, starts)
-            best: tuple[Candidate, Array] | None = None
-            most_gained = -np.inf
-            for numbers in promising(one):
+    def best_at(
+        one: Candidate,
+        at: _Begin,
+        small: Responses | None,
+        simulated: Callable[[Array, _Begin], Array | None],
+    ) -> tuple[Candidate, Array] | None:
+        """A law with the numbers that explain most, and what it changes; None if it explains nothing."""
+        law, best = one.law, None
+        most_gained = -np.inf
+        for numbers in promising(one, at, small):
+            if law.linear:
+                read = list(one.inserted.signals)
+                typical = law.typical(
+                    0.5 * (runs.low + runs.high)[read], runs.spread[read], numbers,
+                    runs.model.study.interval, runs.length,
+                )  # fmt: skip
+                if not typical > 0.0:
+                    continue
+                numbers[0] *= _SMALL * runs.spread_at(one.place) / typical
+            # A law that is tried late is tried again with the amplitude that this gives.
+            for again in range(1 + late):
+                if small is not None and law.linear and not again:
+                    change = np.where(at.followed, small.of(one, numbers), 0.0)
+                else:
+                    made = simulated(numbers, at)
+                    if made is None:
+                        break
+                    change = made
+                before, beside = float(change @ change), change - at.free @ (at.free.T @ change)
+                # What parameters and start states change as well is no other law.
+                if not np.isfinite(before) or float(beside @ beside) <= 1e-6 * before:
+                    break
+                change = at.change(change)
+                power = float(change @ change)
+                if power <= 1e-20 * at.whole:
+                    break
+                factor = -float(change @ at.left) / power
+                if not law.linear and not 0.1 < factor < 10.0:
+                    break
+                share = float(change @ at.left) ** 2 / power / at.whole
                 if law.linear:
-                    read = list(one.inserted.signals)
-                    typical = law.typical(
-                        0.5 * (runs.low + runs.high)[read], runs.spread[read], numbers,
-                        runs.model.study.interval, runs.length,
-                    )  # fmt: skip
-                    if not typical > 0.0:
-                        continue
-                    numbers[0] *= _SMALL * runs.spread_at(place) / typical
-                # A law that is tried late is tried again with the amplitude that this gives.
-                for again in range(1 + late):
-                    if small is not None and law.linear and not again:
-                        change = np.where(followed, small.of(one, numbers), 0.0)
-                    else:
-                        change = with_law.residual(np.concatenate([constants, numbers])) - residual
-                    before, beside = float(change @ change), change - free @ (free.T @ change)
-                    # What parameters and start states change as well is no other law.
-                    if not np.isfinite(before) or float(beside @ beside) <= 1e-6 * before:
-                        break
-                    change = np.r_[weight * change, np.zeros(len(away))]
-                    change -= basis @ (basis.T @ change)
-                    power = float(change @ change)
-                    if power <= 1e-20 * whole:
-                        break
-                    factor = -float(change @ left) / power
-                    if not law.linear and not 0.1 < factor < 10.0:
-                        break
-                    share = float(change @ left) ** 2 / power / whole
-                    if law.linear:
-                        numbers[0] *= factor
-                    # Where the first number is no factor, a fit begins where it is nearest, in small steps.
-                    gained = share if law.linear else -(2.0 * float(change @ left) + power) / whole
-                    if best is None or gained > most_gained:
-                        candidate = replace(one, numbers=tuple(numbers.tolist()), share=share)
-                        best, most_gained = (candidate, -change / np.sqrt(power)), gained
-                    if not law.linear or share < _FAINT:
-                        break
-            if best is not None:
-                found.append(best)
+                    numbers[0] *= factor
+                # Where the first number is no factor, a fit begins where it is nearest, in small steps.
+                gained = share if law.linear else -(2.0 * float(change @ at.left) + power) / at.whole
+                if best is None or gained > most_gained:
+                    candidate = replace(one, numbers=tuple(numbers.tolist()), share=share)
+                    best, most_gained = (candidate, -change / np.sqrt(power)), gained
+                if not law.linear or share < _FAINT:
+                    break
+        return best
+
+    def changed(place: Place, candidates: Sequence[Candidate]) -> list[list[tuple[Candidate, Array]]]:
+        """Laws at a place that change the residual, and what they change, of each begin."""
+        found: list[list[tuple[Candidate, Array]]] = [[] for _ in begun]
+        for one in candidates:
+            known: dict[tuple[float, ...], Array] = {}
+            with_law = [Replays(runs, [*laws, one.inserted], SAMPLES, each.replays.starts) for each in begun]
+
+            def simulated(numbers: Array, at: _Begin, known: Any = known, with_law: Any = with_law) -> Any:
+                if runs.model.filters:
+                    constants = np.concatenate([at.constants, numbers])
+                    return with_law[begun.index(at)].residual(constants) - at.residual
+                # Every law takes simulations here. So those at the first begin serve all, and the worst run
+                # comes first, alone.
+                key = tuple(numbers.tolist())
+                constants = np.concatenate([first.constants, numbers])
+                if key not in known:
+                    run = first.worst
+                    there = with_law[0].left(run, first.replays.starts[run], constants)
+                    known[key] = there - first.residual[first.part]
+                if len(known[key]) < len(first.residual):
+                    if not any(each.there.shown(each.there.change(known[key])) for each in begun):
+                        return None
+                    known[key] = with_law[0].residual(constants) - first.residual
+                return known[key]
+
+            for at, each, some in zip(begun, small, found, strict=True):
+                best = best_at(one, at, each, simulated)
+                if best is not None:
+                    some.append(best)
         return found
 
     # Laws are compiled here, so that no copy of the process has to.
     tasks = [partial(changed, place, readable(runs.model, place, late)) for place in places]
-    found = [each for made in in_parallel(tasks) for each in made]
+    made = in_parallel(tasks)
+    logged = {str(port) for port in (*runs.model.fed, *runs.model.compared)}
+    return [
+        _ranked([each for some in made for each in some[k]], one.left, most, logged)
+        for k, one in enumerate(begun)
+    ]
+
+
+def _ranked(found: list[tuple[Candidate, Array]], left: Array, most: int, logged: set[str]) -> Scores:
+    """Laws best first, of those that act the same the likeliest."""
     order = {id(each): k for k, each in enumerate(found)}
     found.sort(key=lambda each: each[0].share, reverse=True)
     groups: list[list[tuple[Candidate, Array]]] = []
@@ -177,7 +260,6 @@ def scored(
             groups.append([each])
     for group in groups:  # by places, since shares of laws that act the same differ by rounding
         group.sort(key=lambda each: order[id(each)])
-    logged = {str(port) for port in (*runs.model.fed, *runs.model.compared)}
     kept = [_likeliest(one, logged) for one in groups]
     changes = np.array([one[1] for one in kept]).reshape(len(kept), len(left))
     twins = [

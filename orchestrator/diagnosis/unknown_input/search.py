@@ -91,22 +91,22 @@ class Search(Fits):
                 found += stage(found)
         return found
 
-    def scores(self, beside: Fit, late: bool = False) -> Scores:
-        """Laws beside some that are fitted."""
-        laws = [one.inserted for one in beside.laws]
-        made = scored(
-            self.runs, self.places, laws, beside.polished.constants, beside.polished.starts, late=late
-        )
-        # What acts the same beside no law counts first: beside others, other signals are read.
-        for one, twins in zip(made.candidates, made.twins, strict=True):
-            for each in (one, *twins) if twins else ():
-                self.twins.setdefault(each.name, [two for two in (one, *twins) if two is not each])
-        return made
+    def scores(self, *beside: Fit, late: bool = False) -> list[Scores]:
+        """Laws beside the same ones that are fitted, from each begin."""
+        laws = [one.inserted for one in beside[0].laws]
+        begins = [(one.polished.constants, one.polished.starts) for one in beside]
+        found = scored(self.runs, self.places, laws, begins, late=late)
+        for made in found:
+            # What acts the same beside no law counts first: beside others, other signals are read.
+            for one, twins in zip(made.candidates, made.twins, strict=True):
+                for each in (one, *twins) if twins else ():
+                    self.twins.setdefault(each.name, [two for two in (one, *twins) if two is not each])
+        return found
 
     def _single_laws(self, found: Sequence[Fit]) -> list[Fit]:
         """Laws alone, each beside others of its family."""
         self.progress("laws")
-        self._scores = [self.scores(begin) for begin in self.begins]
+        self._scores = self.scores(*self.begins)
         tried = self._from_begins(self._scores, partial(_singly, most=_TRIED, each=_EACH))
         if tried and not self.explained(tried) and self.allowed("laws of the same family"):
             for one in _best_of_families(best_of_each(tried))[:_BEAM]:
@@ -124,7 +124,7 @@ class Search(Fits):
         if self.explained(found) or not self.allowed("rarer laws"):
             return []
         self.progress("rarer laws")
-        late = [self.scores(begin, late=True) for begin in self.begins]
+        late = self.scores(*self.begins, late=True)
         self._scores = [one.joined(two) for one, two in zip(self._scores, late, strict=True)]
         rare = self.finish(self._from_begins(late, partial(_singly, most=_LATE, each=1)), _LATE_KEPT)
         self._singles = best_of_each([*self._singles, *rare])
@@ -154,11 +154,11 @@ class Search(Fits):
         best = _best_of_families(self._singles)
         for one in best[:_BEAM]:
             if not self.explained(found) and self.allowed("pairs with the best laws"):
-                more = self.scores(one).candidates
+                more = self.scores(one)[0].candidates
                 found += self.fit_beside([[two] for two in more if two.law.states == 0][:_BESIDE], one)
         for one in best[:_RARE]:
             if not self.explained(found) and self.allowed("pairs with rarer laws"):
-                rare = self.scores(one, late=True).candidates
+                rare = self.scores(one, late=True)[0].candidates
                 found += self.fit_beside([[two] for two in spread_out(rare, _BESIDE, 1)], one)
         return found
 

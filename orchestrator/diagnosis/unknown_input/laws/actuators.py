@@ -41,6 +41,14 @@ def _delay(t, s, n, z, out):
     out[2] = 12.0 / (time * time) * (s[0] - z[0]) - 6.0 / time * z[1]
 
 
+def _hold(t, s, n, z, out):
+    # For filters: the mean delay, as above.
+    time = max(0.5 * abs(n[0]), 0.35 * s[2])
+    out[0] = -time * z[1]
+    out[1] = z[1]
+    out[2] = 12.0 / (time * time) * (s[0] - z[0]) - 6.0 / time * z[1]
+
+
 def _resonance(t, s, n, z, out):
     frequency = min(abs(n[0]), 6.0 / s[2])
     out[0] = z[0] - s[0]
@@ -72,6 +80,8 @@ def _cogging(t, s, n, z, out):
 
 
 _OWN = "own"
+# Of a slower clock, in intervals of the logs. A fit stays near its begin.
+_PERIODS = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
 # A step is found where the number of levels, from 0 to the largest signal, is right within a quarter.
 _LEVELS = tuple(4.0 / k for k in range(4, 65))
 LAWS = [
@@ -145,9 +155,26 @@ LAWS = [
         linear=False,
         settled=(0,),
         modelica="y = delay(u, time_) - u;",
-        delay=True,
+        delay="fixed",
         sentence="A transport or computing delay.",
         unlogged=0.1,
+    ),
+    Law(
+        "hold",
+        "hold",
+        (Number("period", "s", _PERIODS, "interval", positive=True),
+         Number("share", "1", (0.0, 0.25, 0.5, 0.75), "one")),
+        _hold,
+        _OWN,
+        2,
+        (1, 3),
+        linear=False,
+        settled=(0,),
+        modelica="when sample((share - floor(share))*period, period) then z1 = u; end when; y = z1 - u;",
+        delay="held",
+        sentence="A slower clock: a link or a computer that takes every n-th sample, and holds it.",
+        unlogged=0.0,
+        odds=0.3,
     ),
     Law(
         "resonance",

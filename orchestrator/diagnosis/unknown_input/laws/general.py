@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from .law import Law, Number
 
 
@@ -27,6 +29,10 @@ def _step(t, s, n, z, out):
 
 def _gain_step(t, s, n, z, out):
     out[0] = n[0] * s[0] * min(max((t - n[1]) / s[2] + 0.5, 0.0), 1.0)
+
+
+def _hum(t, s, n, z, out):
+    out[0] = n[0] * math.sin(n[1] * t + n[2])
 
 
 def _with_temperature(t, s, n, z, out):
@@ -107,6 +113,19 @@ LAWS = [
         late=True,
     ),
     Law(
+        "hum",
+        "periodic disturbance",
+        (Number("level", "w"), Number("frequency", "rad/s", by="tone"),
+         Number("phase", "rad", (0.0, 1.5708), "one")),
+        _hum,
+        "own",
+        modelica="y = level*sin(frequency*time + phase);",
+        sentence="Mains, a motor or a fan that is heard, with the same phase in all runs.",
+        unlogged=0.1,
+        odds=0.3,
+        late=True,
+    ),
+    Law(
         "gain with temperature",
         "gain with temperature",
         (Number("change", "1/v"), Number("reference", "v", (0.0,), "second range")),
@@ -119,4 +138,4 @@ LAWS = [
         unlogged=0.1,
         late=True,
     ),
-]
+]  # fmt: skip

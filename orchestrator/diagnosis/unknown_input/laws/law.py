@@ -57,8 +57,9 @@ class Number:
         starts: where fits begin, in multiples of `by`.
         by: "one"; the signal's "spread", its largest size ("most"), the spread of its "slope", its spread
             times the interval ("step"); the "interval" of the logs, one over it ("rate"), the length of a
-            "run"; of the second signal its largest size ("second") and "second step"; the "product" of both
-            spreads. "range", "second range": parts of the way from the lowest to the highest value.
+            "run"; the frequency of a "tone" that calibration leaves [rad/s], 0 if it leaves none; of the
+            second signal its largest size ("second") and "second step"; the "product" of both spreads.
+            "range", "second range": parts of the way from the lowest to the highest value.
         most: largest size, times the signal's spread; a fit beyond it is another law.
         limits: least and largest value; a fit beyond them is another law.
         positive: whether its sign means nothing.
@@ -105,12 +106,13 @@ class Law:
         odds: how likely the law is before the logs are seen, against others. A number that may be wrong is
             listed in the study, so that a gain or an offset elsewhere is less likely.
         unlogged: factor of the odds at a motion or a temperature that is not logged. Such signals join parts
-            of a machine, which keep no offset against each other; what is logged has passed a sensor.
+            of a machine, which keep no offset against each other; what is logged has passed a sensor. With
+            0 the law is not tried there.
         late: whether it is tried only where the other laws leave more than the noise. It then has to
             close 30 % of what they leave.
         covers: range of the signal that shows the law: a ripple of which less is seen looks like others.
-        delay: whether it delays the signal by its first number. Simulations look the signal up in the past;
-            `code` is what a filter takes instead.
+        delay: "fixed" if it delays the signal by its first number, "held" if it holds a sample for so long.
+            Simulations look the signal up in the past; `code` is what a filter takes instead.
     """
 
     name: str
@@ -130,7 +132,7 @@ class Law:
     settled: tuple[int, ...] = ()
     late: bool = False
     covers: float = 0.0
-    delay: bool = False
+    delay: str = ""
 
     @cached_property
     def compiled(self) -> Any:
