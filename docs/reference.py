@@ -415,11 +415,11 @@ _AT = {
     "flow": "flows, levels, temperatures, pressures",
     "electric": "voltages, currents",
 }
-_KINDS = {1: "inputs", 2: "derivatives of states", 3: "outputs"}
+_KINDS = {1: "inputs", 2: "derivatives of states", 3: "outputs", 4: "between two states of a component"}
 
 
 def _places(law: Law) -> str:
-    return ", ".join(_KINDS[one] for one in law.kinds or _KINDS)
+    return ", ".join(_KINDS[one] for one in law.kinds or (1, 2, 3))
 
 
 def _drawn(members: list[Law]) -> str:

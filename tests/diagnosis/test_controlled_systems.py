@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.diagnosis.study.checks import check_logs
+from orchestrator.diagnosis.study.devices import with_devices_fed
 from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.unknown_input.law_fit import readable
 from orchestrator.diagnosis.unknown_input.model import StateModel
@@ -191,4 +192,42 @@ def test_a_sampled_controller_is_simulated_with_its_ticks(fmus: Path) -> None:
         StateModel(closed)
     fed = {"control.force": {"column": "force", "hold": True, "feed": True}}
     with StateModel(load_port_study(written(fmus, system, logs, columns | fed))) as model:
+        assert "der(rod.velocity)" in {one.name for one in model.places()}
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_sampled_controller_that_does_what_its_logs_say_is_fed(fmus: Path, sign: float) -> None:
+    """Laws can then act inside the mass; a controller that does something else stays in the loop."""
+    draw, time = np.random.default_rng(2), np.arange(0.0, 6.0, 0.02)
+    x, rows = np.array([0.1, 0.0]), []
+    for t in time:
+        force = -80.0 * x[0]
+        rows.append([t, x[0] + 1e-5 * draw.standard_normal(), sign * force])
+
+        def rate(_: float, x: np.ndarray, force: float = force) -> list[float]:
+            return [x[1], force - 30.0 * x[0]]
+
+        x = solve_ivp(rate, (0.0, 0.02), x, rtol=1e-8, atol=1e-10).y[:, -1]
+    logs = dict(zip(("time [s]", "position [m]", "force [N]"), np.array(rows).T, strict=True))
+    system = {
+        "run": {"master": "gauss-seidel", "step_size": "10 ms", "stop_time": "1 s"},
+        "instances": {
+            "rod": {"fmu": "Rod.fmu", "start": {"stiffness": "30 N/m"}}, "hold": {"fmu": "Sampled.fmu"},
+        },
+        "connections": ["rod.position -> hold.position", "hold.force -> rod.force"],
+    }  # fmt: skip
+    columns = {
+        "rod.position": {"column": "position", "noise": "10 um", "feed": False, "start": True},
+        "hold.force": {"column": "force", "noise": "10 mN", "feed": False},
+    }
+    path = written(fmus, system, logs, columns)
+    path.write_text(path.read_text("utf-8") + "interval: 20 ms\n", encoding="utf-8")
+    study = load_port_study(path)
+    found, told = with_devices_fed(study)
+    if sign < 0.0:
+        assert found is study and not told
+        return
+    assert [str(one) for one in found.compared] == ["rod.position"] and told[0].place == "hold"
+    assert {str(one) for one in found.held} == {"hold.force"}
+    with StateModel(found) as model:
         assert "der(rod.velocity)" in {one.name for one in model.places()}

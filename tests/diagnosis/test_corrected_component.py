@@ -115,7 +115,7 @@ def built(folder: Path, name: str, text: str) -> System:
 
 def test_a_state_of_a_part_takes_a_law(tmp_path: Path) -> None:
     system = built(tmp_path, "Sled", NESTED)
-    law = ModelOfLaw("law_1", DRAG, "body.v", {"u": "body.v"})
+    law = ModelOfLaw("law_1", DRAG, {"body.v": 1.0}, {"u": "body.v"})
     assert build_corrected(system, "Sled", [law], tmp_path) == ("Sled_corrected.fmu", "")
     made = orc.run(tmp_path / "Sled_corrected.fmu", set={"run.stop_time": "4 s", "run.step_size": "10 ms"})
     found = solve_ivp(
@@ -130,7 +130,7 @@ def test_a_state_of_a_part_takes_a_law(tmp_path: Path) -> None:
 
 def test_what_prevents_a_corrected_component_is_named(tmp_path: Path) -> None:
     system = built(tmp_path, "Swing", SWING)
-    law = ModelOfLaw("law_1", DRAG, "torque", {"u": "speed"})
+    law = ModelOfLaw("law_1", DRAG, {"torque": 1.0}, {"u": "speed"})
     said = build_corrected(system, "Swing", [law], tmp_path)[1]
     assert said == "the flat form of Swing.mo has no such derivative."
     (tmp_path / "Swing.mo").write_text(SWING.replace("20;", "21;"), encoding="utf-8")

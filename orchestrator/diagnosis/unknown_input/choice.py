@@ -23,6 +23,8 @@ _TEMPERATURE = 1.14
 # Weight of a rival that its evidence makes as likely as the answer, which is the simplest. Learned on 32 laws
 # of `orchestrator challenge --random 11700 --count 51` as 0.2, and rounded up.
 _RIVAL = 0.3
+# Standard deviation over a number, below which the simulation does not answer to the number.
+_IDLE = 1e-9
 # Nats within which the same laws at another place explain the logs as well.
 _AS_LIKELY = 3.0
 
@@ -38,7 +40,12 @@ def choose_answer(search: Search, weighed: Sequence[Weighed]) -> int:
     """
 
     def closed_share(before: int, after: int) -> float:
-        return closed(weighed[before].polished.remains, weighed[after].polished.remains, 0.0)
+        begin = weighed[before]
+        remains = begin.polished.remains
+        if not begin.fitted.laws and not search.far(weighed[after].polished.constants):
+            # A law takes the place of a parameter that calibration moves far beyond its tolerance.
+            remains = max([remains, *(one.polished.remains for one in search.begins)])
+        return closed(remains, weighed[after].polished.remains, 0.0)
 
     best: dict[int, int] = {}
     for count in {len(one.laws) for one, *_ in weighed}:
@@ -96,8 +103,13 @@ def _kind(one: Fitted) -> tuple[tuple[str, int], ...]:
 
 
 def significant(one: Fitted) -> bool:
-    """Whether the first number of each of two laws differs from 0 by more than three standard deviations."""
-    return len(one.laws) < 2 or all(abs(values[0]) > 3.0 * sigmas[0] for _, values, sigmas in one.by_law())
+    """Whether the first number of each of two laws differs from 0 by more than three standard deviations.
+
+    A number that the simulation does not answer to has none to speak of.
+    """
+    return len(one.laws) < 2 or all(
+        _IDLE * abs(values[0]) < sigmas[0] < abs(values[0]) / 3.0 for _, values, sigmas in one.by_law()
+    )
 
 
 def share_among(best: Fitted, twins: Mapping[str, Sequence[Candidate]]) -> float:

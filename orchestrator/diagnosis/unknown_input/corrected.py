@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -37,11 +38,21 @@ def write_corrected(study: PortStudy, found: Answer, folder: Path) -> list[str]:
         if not law.law.modelica:
             return [f"{law.name} is not in corrected.yaml: the law has no Modelica equations."]
         text = _model(study, law, values.tolist(), name)
-        if law.place.kind is Kinds.RATE:
-            state = Port.of(law.place.name.removeprefix("der(").removesuffix(")"))
+        if law.place.kind in (Kinds.RATE, Kinds.EXCHANGE):
+            exchange = law.place.kind is Kinds.EXCHANGE
+            if exchange and math.isnan(law.place.ratio):
+                return [
+                    f"corrected.yaml is not written: {law.name} is shared by capacities that change with the "
+                    f"states. Add the flow to the equations of both states; the number is that of "
+                    f"der({law.signal}) at the start values, what passes counts from {law.signal}."
+                ]
+            state = Port.of(law.signal if exchange else law.place.name.removeprefix("der(").removesuffix(")"))
             signals = {"u": law.signal, "v": law.second}
             reads = {key: Port.of(one).variable for key, one in signals.items() if one}
-            inside.setdefault(state.instance, []).append(ModelOfLaw(name, text, state.variable, reads))
+            shares = {state.variable: 1.0}
+            if exchange:
+                shares = {state.variable: -1.0, Port.of(law.second).variable: law.place.ratio}
+            inside.setdefault(state.instance, []).append(ModelOfLaw(name, text, shares, reads))
             continue
         problem = _put(study, data, connections, law, name) or _built(text, name, folder)
         if problem:
@@ -49,7 +60,9 @@ def write_corrected(study: PortStudy, found: Answer, folder: Path) -> list[str]:
     for instance, models in inside.items():
         path, problem = build_corrected(study.prepared.system, instance, models, folder)
         if problem:
-            names = ", ".join(f"{one.name} at der({instance}.{one.state})" for one in models)
+            names = ", ".join(
+                f"{one.name} at der({instance}.{state})" for one in models for state in one.shares
+            )
             return [f"corrected.yaml is not written: a law acts inside a component, {names}; {problem}"]
         data["instances"][instance]["fmu"] = path
     short = [short_form(one) for one in connections]
@@ -128,7 +141,7 @@ def _source(
 def _model(study: PortStudy, law: Candidate, values: list[float], name: str) -> str:
     """The text of the law's model."""
     read = study.unit(Port.of(law.signal))
-    rate = law.place.kind is Kinds.RATE
+    rate = law.place.kind in (Kinds.RATE, Kinds.EXCHANGE)
     unit = "" if rate else f'(unit="{study.unit(Port.of(law.place.name))}")'
     second = law.second and (
         f'  input Real v(unit="{study.unit(Port.of(law.second))}", start=0) "Second signal";\n'

@@ -29,16 +29,17 @@ _HEAD = re.compile(r"^(?:model|block|class) ([\w']+).*\n", re.MULTILINE)
 
 @dataclass(frozen=True)
 class ModelOfLaw:
-    """A law at the derivative of a state.
+    """A law at the derivatives of states.
 
     Attributes:
         name, text: of its Modelica model, whose output is y.
-        state: at whose derivative it acts. reads: the component's variable for each of the model's inputs.
+        shares: what of its output is added to the derivative of each state.
+        reads: the component's variable for each of the model's inputs.
     """
 
     name: str
     text: str
-    state: str
+    shares: Mapping[str, float]
     reads: Mapping[str, str]
 
 
@@ -99,11 +100,13 @@ def _changed(text: str, name: str, laws: Sequence[ModelOfLaw]) -> str:
     before, body = text[: head.start()], text[head.end() :]
     declared, equations = "", ""
     for law in laws:
-        derivative = f"der({_spelled(law.state)})"
-        if derivative not in body:
-            return ""
         one = f"added_by_{law.name}"
-        body = body.replace(derivative, f"({derivative} - {one}.y)")
+        for state, share in law.shares.items():
+            derivative = f"der({_spelled(state)})"
+            if derivative not in body:
+                return ""
+            added = f"{one}.y" if share == 1.0 else f"({share!r})*{one}.y"
+            body = body.replace(derivative, f"({derivative} - {added})")
         declared += f"  {law.name} {one};\n"
         equations += "".join(f"  {one}.{port} = {_spelled(read)};\n" for port, read in law.reads.items())
         before += law.text + "\n"

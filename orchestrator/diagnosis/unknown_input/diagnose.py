@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +13,16 @@ from ...base.errors import ConfigError
 from ...results.file_formats import strict
 from ...simulation.run_folder import folder_at
 from ..study.checks import check_logs
+from ..study.devices import with_devices_fed
 from ..study.native import in_native_form
 from ..study.reader import load_port_study
 from ..study.study import PortStudy
 from .answer import Answer, answer
 from .corrected import write_corrected
 from .report import data_of, text_of
+
+# Most that "none" is stated with where a device was not searched.
+_DEVICES = 0.6
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,13 @@ def diagnose_system(
     refused, warned = check_logs(study)
     if refused:
         raise ConfigError(refused)
-    found = answer(study, progress)
+    searched, devices = with_devices_fed(study)
+    if devices and check_logs(searched)[0]:  # a loop that keeps the machine in place must stay closed
+        searched, devices = study, []
+    found = answer(searched, progress)
+    if devices and found.verdict == "none":
+        found = replace(found, probability=min(found.probability, _DEVICES))
+    slow = [*devices, *slow]
     found.remarks.extend(f"{one.place}: {one.what}. {one.remedy}" for one in (*warned, *slow))
     if out is None:
         return DiagnosedSystem(study, found)

@@ -23,6 +23,9 @@ COLUMNS = 18
 # Columns of what acts: where, and which law.
 _KIND, _COMPONENT, _INDEX, _HAS_W, _LAW, _SIGNAL, _COUNT, _NUMBER, _HIDDEN, _STATES = range(10)
 _INTERVAL, _DELAY = 10, 11
+_OTHER, _MOVED, _SEEN, _SIZE, _COLUMNS = 12, 13, 14, 15, 16
+# Step of differences between what components answer, over the size of a variable, 1 at least.
+_STEP = 1e-6
 
 
 class Kinds(IntEnum):
@@ -32,6 +35,7 @@ class Kinds(IntEnum):
     INPUT = 1
     RATE = 2
     OUTPUT = 3
+    EXCHANGE = 4
 
 
 @dataclass(frozen=True)
@@ -42,12 +46,20 @@ class Place:
         name: of the input, the output or the state's derivative.
         component: index of the instance.
         index: among all inputs, states or outputs, by `kind`.
+        other: of an exchange, which leaves the state `index`, the state that it enters.
+        via: of an exchange, what shows the capacities of both states; see `capacities`.
+        size: of an exchange, what divides the first state's share; see `capacities`.
+        ratio: of an exchange, the second state's share over the first one's; NaN if it changes with states.
     """
 
     name: str
     kind: Kinds
     component: int
     index: int
+    other: int = -1
+    via: tuple[int, int] = (0, 0)
+    size: float = 1.0
+    ratio: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -173,12 +185,66 @@ def _passes(acts, signals, nx, nu):
 
 
 @njit(allocates=False)
+def answered(row):
+    """Have a component answer to what is set: its derivatives and outputs."""
+    if row[VERSION] == 2:
+        if row[SETS] > 0:
+            call_fmi2_values(row[SET], row[SELF], row[SET_REFS], row[SETS], row[SET_VALUES])
+        call_fmi2_values(row[GET], row[SELF], row[GET_REFS], row[GETS], row[GET_VALUES])
+    else:
+        if row[SETS] > 0:
+            call_fmi3_values(row[SET], row[SELF], row[SET_REFS], row[SETS], row[SET_VALUES], row[SETS])
+        call_fmi3_values(row[GET], row[SELF], row[GET_REFS], row[GETS], row[GET_VALUES], row[GETS])
+
+
+@njit(allocates=False)
+def put_at(row, moved, value, relative):
+    """Set one variable of a component by its position, and have it answered; returns what it was before.
+
+    Args:
+        relative: whether `value` is a change, in the variable's size, 1 at least.
+    """
+    at = row[SET_VALUES] + 8 * moved
+    before = load(at, 0.0)
+    store(at, before + value * max(1.0, abs(before)) if relative else value)
+    answered(row)
+    return before
+
+
+@njit(allocates=False)
+def slope(row, moved, seen):
+    """Derivative of one answer of a component by what is set, both by their positions."""
+    to = row[GET_VALUES] + 8 * seen
+    first = load(to, 0.0)
+    value = put_at(row, moved, _STEP, True)
+    change = load(to, 0.0) - first
+    put_at(row, moved, value, False)
+    return change / (_STEP * max(1.0, abs(value)))
+
+
+@njit(allocates=False)
+def capacities(row, first, second, moved, seen):
+    """Shares of two states in what passes between them: one over their capacities, but for a factor.
+
+    What one variable does to a state and what the state does to that variable's counterpart differ by the
+    capacities of both, as pressures move a piston that displaces oil, or as two bodies exchange heat.
+
+    Args:
+        first, second: positions of the states. moved, seen: of the variable, and of its counterpart.
+    """
+    a, b = slope(row, first, seen), slope(row, second, seen)
+    if a == 0.0 or b == 0.0:
+        return 0.0, 0.0
+    return abs(slope(row, moved, first) / a), abs(slope(row, moved, second) / b)
+
+
+@njit(allocates=False)
 def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, rate, extra, past, now, call):
     """Derivatives and outputs at one point.
 
     Args:
         rows: components, shape (n, 18). wiring: see `StateModel`. x, ext, p: states, fed signals, parameters.
-        acts: what acts where, shape (n, 12), see `acts_of`. w: the unknown input.
+        acts: what acts where, shape (n, 16), see `acts_of`. w: the unknown input.
         signals: which of [x, u, y] the laws read. theta, hidden: their numbers and their states.
         u, y, rate: written, inputs, outputs and derivatives. extra: written, derivatives of `hidden`.
         past, now, call: memory of laws; see `past_of`.
@@ -210,14 +276,7 @@ def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, 
         for i in range(row[NP]):
             store(at, p[row[P] + i])
             at += 8
-        if row[VERSION] == 2:
-            if row[SETS] > 0:
-                call_fmi2_values(row[SET], row[SELF], row[SET_REFS], row[SETS], row[SET_VALUES])
-            call_fmi2_values(row[GET], row[SELF], row[GET_REFS], row[GETS], row[GET_VALUES])
-        else:
-            if row[SETS] > 0:
-                call_fmi3_values(row[SET], row[SELF], row[SET_REFS], row[SETS], row[SET_VALUES], row[SETS])
-            call_fmi3_values(row[GET], row[SELF], row[GET_REFS], row[GETS], row[GET_VALUES], row[GETS])
+        answered(row)
         at = row[GET_VALUES]
         for i in range(row[NX]):
             rate[row[X] + i] = load(at, 0.0)
@@ -230,7 +289,13 @@ def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, 
                 added = _acting(
                     acts[a], x, u, y, t, w, signals, theta, hidden, extra, past[a], now, call
                 )  # fmt: skip
-                if acts[a, _KIND] == 2:
+                if acts[a, _KIND] == 4:
+                    i, j = acts[a, _INDEX], acts[a, _OTHER]
+                    begin, end = capacities(row, i - row[X], j - row[X], acts[a, _MOVED], acts[a, _SEEN])
+                    added /= load(acts.ctypes.data + 8 * (a * _COLUMNS + _SIZE), 0.0)
+                    rate[i] -= added * begin
+                    rate[j] += added * end
+                elif acts[a, _KIND] == 2:
                     rate[acts[a, _INDEX]] += added
                 else:
                     y[acts[a, _INDEX]] += added
@@ -243,14 +308,19 @@ def acts_of(laws: Sequence[Inserted], w: Place | None, interval: float) -> tuple
         interval: of the logs [s], for laws that need it.
     """
     rows, signals, number, hidden = [], list[int](), 0, 0
+
+    def place(one: Place) -> list[int]:
+        return [one.other, *one.via, int(np.float64(one.size).view(np.int64))]
+
     for one in laws:
         where = one.place
         rows.append([
             int(where.kind), where.component, where.index, 0, one.address, len(signals), len(one.signals),
             number, hidden, one.states, round(1e9 * interval), ("", "fixed", "held").index(one.delay),
+            *place(where),
         ])  # fmt: skip
         signals += one.signals
         number, hidden = number + one.numbers, hidden + one.states
     if w is not None:
-        rows.append([int(w.kind), w.component, w.index, 1, 0, 0, 0, 0, 0, 0, 0, 0])
-    return np.array(rows, np.int64).reshape(len(rows), 12), np.array(signals, np.int64)
+        rows.append([int(w.kind), w.component, w.index, 1, 0, 0, 0, 0, 0, 0, 0, 0, *place(w)])
+    return np.array(rows, np.int64).reshape(len(rows), _COLUMNS), np.array(signals, np.int64)

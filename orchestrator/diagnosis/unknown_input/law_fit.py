@@ -29,6 +29,8 @@ _WEAKER = (1.0, 1e-2, 1e-4)
 # What joins parts of a machine rather than flows between them, by `_dimension`; see `Law.unlogged`.
 _JOINS = ("speed", "travel", "angle", "potential", "pressure")
 _SPEED = parse_unit("m/s")
+# Places of laws that name none.
+_USUAL = (Kinds.INPUT, Kinds.RATE, Kinds.OUTPUT)
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,8 @@ class Candidate:
     @property
     def name(self) -> str:
         """Place, law and signals."""
+        if self.place.kind is Kinds.EXCHANGE:
+            return f"{self.law.name} from {self.signal} to {self.second}"
         second = f" and {self.second}" if self.second else ""
         return f"{self.law.name} at {self.place.name} of {self.signal}{second}"
 
@@ -99,7 +103,7 @@ def _dimension(model: StateModel, place: Place) -> str:
     units = [_unit(model, k) for k in model.states_of(row)]
     states = set(map(dimension, units))
     inputs = {dimension(_unit(model, nx + k)) for k in model.inputs_of(row)}
-    if place.kind is Kinds.RATE:
+    if place.kind in (Kinds.RATE, Kinds.EXCHANGE):
         found = dimension(_unit(model, place.index))
         found = {"rate": "force", "travel": "rate"}.get(found, found)
         given = (parse_unit(_unit(model, nx + k)) for k in model.inputs_of(row))
@@ -131,7 +135,7 @@ def readable(model: StateModel, place: Place, late: bool = False) -> list[Candid
     joins = what in _JOINS and not logged
     found = []
     for law in library():
-        if law.late is not late or (law.kinds and int(place.kind) not in law.kinds):
+        if law.late is not late or int(place.kind) not in (law.kinds or _USUAL):
             continue
         if law.second and not model.filters:
             continue  # a system that is replayed by its master reads one signal
@@ -145,7 +149,10 @@ def readable(model: StateModel, place: Place, late: bool = False) -> list[Candid
             found += [
                 _candidate(law, place, name, (index, other), joins, second)
                 for second, other in signals.items()
-                if law.second and other != index and law.fits_second(_unit(model, other))
+                if law.second
+                and other != index
+                and law.fits_second(_unit(model, other))
+                and place.other != index  # an exchange is read one way
             ]
     return found
 

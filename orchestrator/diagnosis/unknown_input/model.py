@@ -40,6 +40,7 @@ from .evaluation import (
     X,
     Y,
 )
+from .exchanges import exchanges
 
 Array = NDArray[np.float64]
 
@@ -314,7 +315,7 @@ class StateModel:
         return x
 
     def places(self) -> list[Place]:
-        """Every input, state derivative and output that an unknown input can act on."""
+        """Every input, state derivative, output and pair of states that an unknown input can act on."""
         found = []
         for c, row in enumerate(self.rows):
             found += [Place(str(self.inputs[i]), Kinds.INPUT, c, i) for i in self.inputs_of(row)]
@@ -324,7 +325,7 @@ class StateModel:
             found += [
                 Place(str(self.outputs[i]), Kinds.OUTPUT, c, i) for i in range(row[Y], row[Y] + row[NY])
             ]
-        return found
+        return [*found, *exchanges(self)] if self.filters else found
 
     def seen_at(self, place: Place) -> list[int]:
         """What is compared that a law at a place may change, as indices of `compared`."""
@@ -346,6 +347,8 @@ class StateModel:
     def signals_of(self, place: Place) -> dict[str, int]:
         """Signals of a place's component: index into [states, inputs, outputs] by name."""
         row, nx, nu = self.rows[place.component], len(self.states), len(self.inputs)
+        if place.kind is Kinds.EXCHANGE:
+            return {str(self.states[i]): i for i in (place.index, place.other)}
         found = {str(self.states[i]): i for i in range(row[X], row[X] + row[NX])}
         found |= {str(self.inputs[i]): nx + i for i in self.inputs_of(row)}
         if place.kind is not Kinds.INPUT:

@@ -56,9 +56,8 @@ def page(name: str, found: Answer) -> str:
         body += [html.note(f"{law}: {text}") for law, text in sentences.items()]
     if data["rivals"]:
         rows = [
-            [" + ".join(f"{law['law']} at {law['place']} of {law['signal']}" for law in one["laws"]),
-             one["probability"]]
-            for one in data["rivals"]
+            [" + ".join(law.name for law in one.laws), weighed["probability"]]
+            for (one, _), weighed in zip(found.rivals, data["rivals"], strict=False)
         ]  # fmt: skip
         body.append(html.table(["rival", "probability"], rows, caption="Other answers"))
     if data["same_on_these_logs"]:

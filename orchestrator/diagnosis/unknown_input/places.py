@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..study.study import PortRun
-from .evaluation import Inserted, Place
+from .evaluation import Inserted, Kinds, Place
 from .model import StateModel
 from .open_run import signals_along, simulated, substeps
 from .played import PlayedModel
@@ -207,7 +207,7 @@ class Runs:
         nx, nu = len(self.model.states), len(self.model.inputs)
         if place.kind == 1:
             return float(self.spread[nx + place.index])
-        if place.kind == 2:
+        if place.kind in (Kinds.RATE, Kinds.EXCHANGE):
             return float(self.spread[place.index] / (self.length / 20.0))
         return float(self.spread[nx + nu + place.index])
 

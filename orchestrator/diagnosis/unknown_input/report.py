@@ -31,6 +31,9 @@ def _laws(one: Fitted, units: Mapping[str, str]) -> list[dict[str, Any]]:
 
 def _unit(place: str, units: Mapping[str, str]) -> str:
     """The unit at a place, per second at the derivative of a state."""
+    first, exchange, _ = place.partition(" to ")
+    if exchange:
+        place = f"der({first})"
     if place.startswith("der("):
         inner = units.get(place[4:-1], "1")
         return f"({inner})/s" if "/" in inner else f"{inner}/s"

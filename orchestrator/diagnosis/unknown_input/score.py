@@ -280,7 +280,7 @@ def _likeliest(group: Sequence[tuple[Candidate, Array]], logged: set[str]) -> tu
     first = max(alike, key=lambda each: each[0].odds)[0]
     if first.law.kinds and first.law.reads == "own":
         first = next((one for one, _ in alike if one.place.name in logged), first)
-    order = (Kinds.INPUT, Kinds.OUTPUT, Kinds.RATE)
+    order = (Kinds.INPUT, Kinds.OUTPUT, Kinds.RATE, Kinds.EXCHANGE)
     near = [each for each in alike if each[0].place.component == first.place.component]
     return min(near, key=lambda each: (-each[0].odds, order.index(each[0].place.kind)))
 

@@ -19,6 +19,10 @@ def _radiation(t, s, n, z, out):
     out[0] = n[0] * 5.670374419e-8 * (s[0] ** 4 - n[1] ** 4)
 
 
+def _radiation_of_celsius(t, s, n, z, out):
+    out[0] = n[0] * 5.670374419e-8 * ((s[0] + 273.15) ** 4 - (n[1] + 273.15) ** 4)
+
+
 def _loss(t, s, n, z, out):
     out[0] = n[0] * (s[0] - n[1])
 
@@ -39,6 +43,22 @@ def _wall(t, s, n, z, out):
 def _convection(t, s, n, z, out):
     warmer = s[0] - n[1]
     out[0] = n[0] * warmer * (abs(warmer) + 1e-12) ** 0.25
+
+
+def _exchange(t, s, n, z, out):
+    out[0] = n[0] * (s[0] - s[1])
+
+
+def _exchange_of_root(t, s, n, z, out):
+    out[0] = n[0] * math.copysign(math.sqrt(abs(s[0] - s[1])), s[0] - s[1])
+
+
+def _exchange_of_radiation(t, s, n, z, out):
+    out[0] = n[0] * 5.670374419e-8 * (s[0] ** 4 - s[1] ** 4)
+
+
+def _exchange_of_radiation_of_celsius(t, s, n, z, out):
+    out[0] = n[0] * 5.670374419e-8 * ((s[0] + 273.15) ** 4 - (s[1] + 273.15) ** 4)
 
 
 def _load_pressure(t, s, n, z, out):
@@ -90,6 +110,19 @@ LAWS = [
         at="flow",
         modelica="y = factor*5.670374419e-8*(u^4 - surroundings^4);",
         sentence="Heat radiated by a hot body.",
+        unit="K",
+    ),
+    Law(
+        "radiation from degC",
+        "radiation",
+        (Number("factor", "w/u4"), Number("surroundings", "u", (0.0,), "range")),
+        _radiation_of_celsius,
+        "temperature",
+        kinds=(1, 2),
+        at="flow",
+        modelica="y = factor*5.670374419e-8*((u + 273.15)^4 - (surroundings + 273.15)^4);",
+        sentence="Heat radiated by a hot body.",
+        unit="degC",
     ),
     Law(
         "root with a laminar part",
@@ -167,5 +200,54 @@ LAWS = [
         modelica="y = u*(sqrt(max(1 - sign(u)*v/supply, 0)) - 1);",
         sentence="A valve's flow, which falls as the load's pressure nears the supply's.",
         late=True,
+    ),
+    Law(
+        "exchange",
+        "exchange",
+        (Number("factor", "w/u"),),
+        _exchange,
+        "any",
+        kinds=(4,),
+        second="any",
+        modelica="y = factor*(u - v);",
+        sentence="What passes from one part to another by their difference: leaks, heat, charge, momentum.",
+    ),
+    Law(
+        "exchange through an orifice",
+        "exchange",
+        (Number("factor", "w/u^0.5"),),
+        _exchange_of_root,
+        "any",
+        kinds=(4,),
+        at="flow",
+        second="any",
+        modelica="y = factor*sign(u - v)*sqrt(abs(u - v));",
+        sentence="A turbulent leak from one chamber to another.",
+    ),
+    Law(
+        "exchange by radiation",
+        "exchange",
+        (Number("factor", "w/u4"),),
+        _exchange_of_radiation,
+        "temperature",
+        kinds=(4,),
+        at="flow",
+        second="any",
+        modelica="y = factor*5.670374419e-8*(u^4 - v^4);",
+        sentence="Heat that one part radiates to another.",
+        unit="K",
+    ),
+    Law(
+        "exchange by radiation from degC",
+        "exchange",
+        (Number("factor", "w/u4"),),
+        _exchange_of_radiation_of_celsius,
+        "temperature",
+        kinds=(4,),
+        at="flow",
+        second="any",
+        modelica="y = factor*5.670374419e-8*((u + 273.15)^4 - (v + 273.15)^4);",
+        sentence="Heat that one part radiates to another.",
+        unit="degC",
     ),
 ]

@@ -96,7 +96,7 @@ class Law:
             (any but that), or "any" of the component. second: what a second signal of the component measures;
             "": it reads one.
         states: of its own, which start at 0. settled: those, from 0, which start at the signal.
-        kinds: places where it acts, as in `Kinds`; empty: all.
+        kinds: places where it acts, as in `Kinds`; empty: all but exchanges between two states.
         linear: whether w is proportional to the amplitude.
         at: "force" for laws that make forces and torques, which act only at such a place or at the
             derivative of a speed; "flow" for what flows off or through; "electric" for voltages and currents;
@@ -113,6 +113,7 @@ class Law:
         covers: range of the signal that shows the law: a ripple of which less is seen looks like others.
         delay: "fixed" if it delays the signal by its first number, "held" if it holds a sample for so long.
             Simulations look the signal up in the past; `code` is what a filter takes instead.
+        unit: whose zero the signal must have, K or degC, where the law counts from absolute zero.
     """
 
     name: str
@@ -133,6 +134,7 @@ class Law:
     late: bool = False
     covers: float = 0.0
     delay: str = ""
+    unit: str = ""
 
     @cached_property
     def compiled(self) -> Any:
@@ -194,8 +196,10 @@ class Law:
             return False
         if self.reads in ("own", "other"):
             return own is (self.reads == "own")
-        return self.reads == "any" or self.reads in _measured(unit) or dimension(unit) == "number"
+        if self.reads != "any" and self.reads not in _measured(unit) and dimension(unit) != "number":
+            return False
+        return not self.unit or parse_unit(unit).offset == parse_unit(self.unit).offset
 
     def fits_second(self, unit: str) -> bool:
         """Whether its second signal has such a unit."""
-        return self.second in _measured(unit)
+        return self.second == "any" or self.second in _measured(unit)

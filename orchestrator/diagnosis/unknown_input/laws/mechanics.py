@@ -69,6 +69,10 @@ def _imbalance(t, s, n, z, out):
     out[0] = n[0] * s[1] * s[1] * math.sin(s[0] + n[1])
 
 
+def _between(t, s, n, z, out):
+    out[0] = n[0] * math.tanh((s[0] - s[1]) / (abs(n[1]) + 1e-12))
+
+
 def _with_position(t, s, n, z, out):
     out[0] = n[0] * s[0] * (s[1] - n[1])
 
@@ -273,5 +277,17 @@ LAWS = [
         modelica="y = factor*u*(v - reference);",
         sentence="Oil that is thinner when warm.",
         late=True,
+    ),
+    Law(
+        "dry friction between two parts",
+        "exchange",
+        (_LEVEL, _CORNER),
+        _between,
+        "rate",
+        kinds=(4,),
+        at="force",
+        second="any",
+        modelica="y = level*tanh((u - v)/corner);",
+        sentence="Dry friction from one moving part to another, as of a clutch.",
     ),
 ]
