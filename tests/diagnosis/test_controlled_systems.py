@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,12 +13,15 @@ import yaml
 from scipy.integrate import solve_ivp
 
 from orchestrator.base.errors import ConfigError
-from orchestrator.diagnosis.study.checks import check_logs
+from orchestrator.diagnosis.study.checks import _hopeless, check_logs
 from orchestrator.diagnosis.study.devices import with_devices_fed
+from orchestrator.diagnosis.study.keys import Role
 from orchestrator.diagnosis.study.reader import load_port_study
+from orchestrator.diagnosis.study.study import PortRun
 from orchestrator.diagnosis.unknown_input.law_fit import readable
 from orchestrator.diagnosis.unknown_input.model import StateModel
 from orchestrator.diagnosis.unknown_input.thinning import without_outliers
+from orchestrator.system.connection import Port
 
 pytest.importorskip("rumoca")
 
@@ -231,3 +235,19 @@ def test_a_sampled_controller_that_does_what_its_logs_say_is_fed(fmus: Path, sig
     assert {str(one) for one in found.held} == {"hold.force"}
     with StateModel(found) as model:
         assert "der(rod.velocity)" in {one.name for one in model.places()}
+
+
+def test_mistakes_that_make_the_model_run_away_are_seen_at_the_begin() -> None:
+    """A twentieth of the run leaves more there than the whole may; otherwise the whole run decides."""
+    port, time = Port.of("cart.angle"), np.arange(400.0)
+    run = PortRun("a", Role.TRAIN, {port: np.sin(0.1 * time)})
+
+    def replayed(rate: float) -> SimpleNamespace:
+        def signals(short: PortRun) -> dict[Port, np.ndarray]:
+            assert len(short) == 20
+            return {port: np.sin(0.1 * time[:20]) + 1e-3 * np.exp(rate * time[:20])}
+
+        return SimpleNamespace(study=SimpleNamespace(settled=0), signals=signals)
+
+    assert _hopeless(replayed(1.0), run, [port], 0.1)
+    assert not _hopeless(replayed(0.01), run, [port], 0.1)

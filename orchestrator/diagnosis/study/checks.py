@@ -24,6 +24,8 @@ Signals = Mapping[Port, Array]
 # is corrected, and as what share of the misfit before.
 _WRONG, _FITS, _ENOUGH = 0.25, 0.25, 0.1
 
+# Part of a run that shows first whether a mistake can explain it.
+_BEGIN = 20
 # A model that moves by no more times the noise is at rest.
 _REST = 3.0
 # A model runs away whose signal is so many times as large as anything in the log.
@@ -285,7 +287,10 @@ def _mistake(replay: Replay, run: PortRun, given: Signals) -> Mistake | None:
         return None
     found = []
     for port, remedy, other in (*_factors(study, run), *_exchanged(study, run)):
-        after = _misfits(study, other, replay.signals(other) if _drives(study, run, other) else given)
+        drives = _drives(study, run, other)
+        if drives and _hopeless(replay, other, wrong, _ENOUGH * sum(before[one] for one in wrong)):
+            continue
+        after = _misfits(study, other, replay.signals(other) if drives else given)
         share = sum(after.get(one, np.inf) for one in wrong) / sum(before[one] for one in wrong)
         if share < _ENOUGH and max(after.values(), default=np.inf) < _FITS:
             found.append((share, port, remedy))
@@ -295,6 +300,24 @@ def _mistake(replay: Replay, run: PortRun, given: Signals) -> Mistake | None:
     worst = max(before, key=lambda one: before[one])
     what = f"the model misses {worst} by {before[worst] ** 0.5:.3g} times the spread of its log"
     return Mistake(f"{run.name}: {port}", what, remedy=remedy)
+
+
+def _hopeless(replay: Replay, run: PortRun, wrong: list[Port], most: float) -> bool:
+    """Whether the begin of a run alone leaves more than its misfits may be together.
+
+    A mistake that makes the model run away, as an inverted pendulum that falls, costs the integrators many
+    steps.
+    """
+    settled = replay.study.settled
+    begin = settled + len(run) // _BEGIN
+    given = replay.signals(replace(run, logs={port: log[:begin] for port, log in run.logs.items()}))
+    left = 0.0
+    for port in wrong:
+        log = run.logs[port][settled:]
+        with np.errstate(invalid="ignore", over="ignore"):
+            missed = float(np.sum((log[: begin - settled] - given[port][settled:]) ** 2))
+            left += missed / (len(log) * max(float(np.var(log)), 1e-300))
+    return not left < most
 
 
 def _drives(study: PortStudy, run: PortRun, other: PortRun) -> bool:
