@@ -85,8 +85,8 @@ class Search(Fits):
         found = [Fit(self.nothing, self.base)]
         if self.places:
             for stage in (
-                self._single_laws, self._rarer_laws, self._pairs_of_laws, self.likelier,
-                self._within_tolerance, self._unknown_inputs,
+                self._single_laws, self._rarer_laws, self._pairs_of_laws, self._rivals,
+                self.likelier, self._within_tolerance, self._unknown_inputs,
             ):  # fmt: skip
                 found += stage(found)
         return found
@@ -202,6 +202,35 @@ class Search(Fits):
         return self.fit_each(
             ((law,), np.r_[pair.constants[:count], values], pair.starts) for law, values, _ in fitted.by_law()
         )
+
+    def _rivals(self, found: Sequence[Fit]) -> list[Fit]:
+        """The best fits, each law in turn at other places, or replaced by others at its place.
+
+        The first fits take few places of a law, and few steps.
+        """
+        if not self.allowed("rivals of the best laws"):
+            return []
+        ranked = best_of_each(found)
+        fitted = {one.laws[0].name: one.fitted.numbers for one in ranked if len(one.laws) == 1}
+        scored = sorted(
+            {one.name: one for scores in self._scores for one in scores.candidates}.values(),
+            key=lambda one: -one.share,
+        )
+
+        def others(law: Candidate, values: Array) -> list[Candidate]:
+            elsewhere = [one for one in scored if one.law is law.law and one.name != law.name]
+            here = [
+                replace(one, numbers=tuple(fitted[one.name].tolist())) if one.name in fitted else one
+                for one in scored
+                if one.law is not law.law and (one.place, one.signal) == (law.place, law.signal)
+            ]
+            return [*elsewhere[:_BESIDE], *here[:_BESIDE]]
+
+        best = {len(one.laws): one for one in reversed(ranked) if one.laws}
+        return [
+            fit for one in best.values()
+            for fit in self.finish(self.fit_each(self._replaced(one, others)), _KEPT)
+        ]  # fmt: skip
 
     def likelier(self, found: Sequence[Fit]) -> list[Fit]:
         """The best fits, each law replaced by the likeliest that acts the same, where that is another.
