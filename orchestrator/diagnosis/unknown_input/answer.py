@@ -28,9 +28,9 @@ from .verdict import nearest_laws, verdict_on
 # how often answers are wrong that leave at most so many times the noise on held-out runs; and where more is
 # left, laws and "none".
 _NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR, _NOT_NONE = 1.2, 0.02, 0.4, 0.53
-# Probability that the library lacks what is missing. On random systems more of these verdicts are right, but
-# machines that lack several laws at once get them too, as the cascaded tanks.
-_OUTSIDE = 0.6
+# Probability that the library lacks what is missing, where all stages are done and no law or pair closes a
+# share of the fitted residual. Else laws that the search did not separate may be missing: as much as `_WRONG_FAR`.
+_OUTSIDE, _NEAR_LAW = 0.9, 0.3
 # Most that a law is stated with whose component the logs do not determine: 16 of 20 such were right
 # (`orchestrator challenge --random 12000 --count 350`, 240 cases of it).
 _SOMEWHERE = 0.8
@@ -157,7 +157,9 @@ def _judged(
         untested = "No run is held out, so that nothing tests the answer. "
         remarks.append(f"{untested}Log one with the role held-out, or split one by `from` and `to`.")
     if verdict == "outside":
-        probability = _OUTSIDE
+        least = min(one.polished.remains for one in weighed)
+        strange = closed(search.base.remains, least) < _NEAR_LAW and not search.left_out and model.filters
+        probability = _OUTSIDE if strange else 1.0 - _WRONG_FAR
     places, estimate = _estimate(search) if verdict == "outside" and model.filters else ([], None)
     remains = judged.remains if verdict == "law" else calibrated.remains
     units = {str(port): study.unit(port) for port in (*model.states, *model.inputs, *model.outputs)}
