@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import json
 import math
@@ -128,6 +129,8 @@ class Context:
                 fits = base.config.model.run.loop != "python" and not obstacle(instances, base.master)
             if fits:
                 from ..simulation.native import loop  # noqa: F401 (loaded once for all runs)
+        # What stays from run to run need not be looked through again and again for what can go.
+        gc.freeze()
 
     def prepared(self, task: Task) -> Prepared:
         """What runs. Raises: ConfigError."""

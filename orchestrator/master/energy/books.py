@@ -199,55 +199,55 @@ class Books:
         """
         outputs, inputs = self._unfrozen(outputs, inputs)
         count, width = len(sizes), len(self._factor)
-        own = outputs * self._factor[self._outputs] + self._offset[self._outputs]
-        fed = self._scaled_inputs(inputs)
-        earlier = np.concatenate([before.ends[None], fed[:-1, 2]]) if count else fed[:, 2]
-        last, first, middle, end = (np.empty((count, width)) for _ in range(4))
-        last[:, self._outputs] = first[:, self._outputs] = own[:-1]
-        end[:, self._outputs] = own[1:]
-        slopes = (own[1:] - own[:-1]) / sizes[:, None]
-        slopes_before = slopes[:1] if before.slopes is None else before.slopes[None]
+        # One row a signal: the steps of a signal lie side by side in memory.
+        own = np.ascontiguousarray(outputs.T) * self._factor[self._outputs, None]
+        own += self._offset[self._outputs, None]
+        fed = np.ascontiguousarray(np.moveaxis(self._scaled_inputs(inputs), 0, 2))
+        earlier = np.concatenate([before.ends[:, None], fed[2, :, :-1]], axis=1) if count else fed[2]
+        last, first, middle, end = (np.empty((width, count)) for _ in range(4))
+        last[self._outputs] = first[self._outputs] = own[:, :-1]
+        end[self._outputs] = own[:, 1:]
+        slopes = (own[:, 1:] - own[:, :-1]) / sizes
+        slopes_before = slopes[:, :1] if before.slopes is None else before.slopes[:, None]
         sizes_before = np.concatenate([[before.size], sizes[:-1]])
-        bend = slopes - np.concatenate([slopes_before, slopes[:-1]])
+        bend = slopes - np.concatenate([slopes_before, slopes[:, :-1]], axis=1)
         weight = sizes**2 / (4.0 * (sizes + sizes_before))
-        last[:, self._fed] = earlier
-        first[:, self._fed], middle[:, self._fed], end[:, self._fed] = (fed[:, n] for n in range(3))
-        runs = (first[:, self._partner] != end[:, self._partner]) & (self._partner >= 0) | self._is_curved
-        middle[:, self._outputs] = 0.5 * (own[1:] + own[:-1]) - np.where(runs, weight[:, None] * bend, 0.0)
+        last[self._fed] = earlier
+        first[self._fed], middle[self._fed], end[self._fed] = fed
+        runs = (first[self._partner] != end[self._partner]) & (self._partner >= 0)[:, None]
+        runs |= self._is_curved[:, None]
+        middle[self._outputs] = 0.5 * (own[:, 1:] + own[:, :-1]) - np.where(runs, weight * bend, 0.0)
         self._jump(last, first, middle, end)
-        p, q = self._effort, self._motion
-        flow = np.repeat(sizes[:, None], len(p), 1)
-        a, b, c = first[:, q], middle[:, q], end[:, q]
-        if self._displaced.any():
-            # Slopes, times the step, of the parabola through three samples.
-            moved = self._displaced
-            d = (-3.0 * a + 4.0 * b - c, c - a, a - 4.0 * b + 3.0 * c)
-            a, b, c = (np.where(moved, new, old) for new, old in zip(d, (a, b, c), strict=True))
-            flow[:, moved] = 1.0
-        work = flow / 6.0 * (first[:, p] * a + 4.0 * middle[:, p] * b + end[:, p] * c)
-        jump = first[:, q] - last[:, q]
-        work += np.where(self._displaced, 0.5 * (last[:, p] + first[:, p]) * jump, 0.0)
+        p, q, moved = self._effort, self._motion, self._displaced
+        # Where a bond gives positions: slopes, times the step, of the parabola through three samples.
+        a, b, c = first[q], middle[q], end[q]
+        x, y, z = a[moved], b[moved], c[moved]
+        a[moved], b[moved], c[moved] = -3.0 * x + 4.0 * y - z, z - x, x - 4.0 * y + 3.0 * z
+        work = np.where(moved[:, None], 1.0, sizes) / 6.0
+        work *= first[p] * a + 4.0 * middle[p] * b + end[p] * c
+        p, q = p[moved], q[moved]
+        work[moved] += 0.5 * (last[p] + first[p]) * (first[q] - last[q])
         # Not by a matrix product of BLAS, whose rounding depends on where arrays lie in memory.
-        sums = np.einsum("sp,pt->st", work, self._sums)
+        sums = np.einsum("ps,pt->st", work, self._sums)
         created = [place for places in self._created for place in places]
         if not count:
             return sums[:, self._taken], sums[:, self._given], sums[:, created], before
-        after = Before(fed[-1, 2], slopes[-1], float(sizes[-1]))
+        after = Before(fed[2, :, -1], slopes[:, -1], float(sizes[-1]))
         return sums[:, self._taken], sums[:, self._given], sums[:, created], after
 
     def _jump(self, last: Array, first: Array, middle: Array, end: Array) -> None:
         """Let outputs that depend directly on an input jump with it at the beginning of the step."""
         for place in np.flatnonzero(self._is_jumping):
-            column, by = self._outputs[place], self._partner[place]
-            share = np.ones(len(last))
+            row, by = self._outputs[place], self._partner[place]
+            share = np.ones(last.shape[1])
             if by >= 0:
-                whole, at_once = end[:, by] - last[:, by], first[:, by] - last[:, by]
-                moving = whole != 0.0
-                share[moving] = np.clip(at_once[moving] / whole[moving], 0.0, 1.0)
-            straight = last[:, column] + share * (end[:, column] - last[:, column])
+                whole, at_once = end[by] - last[by], first[by] - last[by]
+                np.divide(at_once, whole, out=share, where=whole != 0.0)
+                np.clip(share, 0.0, 1.0, out=share)
+            straight = last[row] + share * (end[row] - last[row])
             # What does not jump keeps its parabola.
-            middle[:, column] += share * (0.5 * (straight + end[:, column]) - middle[:, column])
-            first[:, column] = straight
+            middle[row] += share * (0.5 * (straight + end[row]) - middle[row])
+            first[row] = straight
 
     def _unfrozen(self, outputs: Array, inputs: Array) -> tuple[Array, Array]:
         """Let slow instances move between the ends of their steps, where their outputs stand still.
