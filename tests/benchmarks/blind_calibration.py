@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 LEAVES = 1.2
 # Temperature and weight of a rival with which the verdicts were stated, and nats within which the same laws
 # elsewhere are no rival.
-TEMPERATURE, RIVAL, AS_LIKELY = 1.14, 0.3, 3.0
+TEMPERATURE, RIVAL, AS_LIKELY = 0.6, 1.0, 3.0
 
 
 @dataclass(frozen=True)

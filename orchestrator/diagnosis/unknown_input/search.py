@@ -85,7 +85,7 @@ class Search(Fits):
         found = [Fit(self.nothing, self.base)]
         if self.places:
             for stage in (
-                self._single_laws, self._rarer_laws, self._pairs_of_laws, self._rivals,
+                self._single_laws, self._rarer_laws, self._pairs_of_laws, self.rivals,
                 self.likelier, self._within_tolerance, self._unknown_inputs,
             ):  # fmt: skip
                 found += stage(found)
@@ -203,7 +203,7 @@ class Search(Fits):
             ((law,), np.r_[pair.constants[:count], values], pair.starts) for law, values, _ in fitted.by_law()
         )
 
-    def _rivals(self, found: Sequence[Fit]) -> list[Fit]:
+    def rivals(self, found: Sequence[Fit]) -> list[Fit]:
         """The best fits, each law in turn at other places, or replaced by others at its place.
 
         The first fits take few places of a law, and few steps.
@@ -227,10 +227,13 @@ class Search(Fits):
             return [*elsewhere[:_BESIDE], *here[:_BESIDE]]
 
         best = {len(one.laws): one for one in reversed(ranked) if one.laws}
-        return [
-            fit for one in best.values()
-            for fit in self.finish(self.fit_each(self._replaced(one, others)), _KEPT)
-        ]  # fmt: skip
+        made: list[Fit] = []
+        for one in best.values():
+            fits = self.finish(self.fit_each(self._replaced(one, others)), _KEPT)
+            if fits and fits[0].remains < one.remains:
+                fits += self.finish(self._kin(fits[0], operator.le), 1)
+            made += fits
+        return made
 
     def likelier(self, found: Sequence[Fit]) -> list[Fit]:
         """The best fits, each law replaced by the likeliest that acts the same, where that is another.
