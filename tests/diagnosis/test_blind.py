@@ -55,6 +55,15 @@ def test_the_solver_agrees_with_equations_written_by_hand() -> None:
     assert np.abs(found[:, 0] - exact).max() < 2e-5 * np.ptp(exact)
 
 
+def test_a_held_drive_has_its_new_value_from_its_own_sample_on() -> None:
+    """Also where the time of a sample, over the interval, is less than its number: 31 * 4.8 / 4.8 < 31."""
+    plant = oscillator()
+    values = np.arange(300.0)[:, None]
+    found = plant.simulate(Drive(values, True, 4.8), plant.nominal, plant.start, [], np.array([1.0, 1.0]))
+    voltage = len(plant.states) + plant.inputs.index("motor.voltage")
+    assert found[:, voltage].tolist() == values[:, 0].tolist()
+
+
 def test_a_delay_and_a_lag_of_the_drive_shift_it() -> None:
     plant = oscillator()
     count, size = 600, np.array([0.01, 0.1])

@@ -297,6 +297,8 @@ def _integrated(
         jumps = np.flatnonzero(np.any(np.diff(drive.values, axis=0) != 0.0, axis=1)) + 1
         ends |= {float(k * h + one) for k in jumps for one in {*late, 0.0} if k * h + one < times[-1]}
     bounds = sorted(ends)
+    # Just inside a piece, a held signal has the value of the piece: k * h / h may be less than k.
+    shift = 1e-9 * h if drive.held else 0.0
     rest = plant.evaluate(0.0, start.tolist(), driven(0.0), p, [], [])[2]
     begun = [rest[law.reads[0]] if law.follows else 0.0 for law in laws for _ in range(law.states)]
     now = np.r_[start, begun]
@@ -308,10 +310,8 @@ def _integrated(
             continue
         inside = (times > begin + 1e-9 * h) & (times <= end + 1e-9 * h)
         at = np.minimum(times[inside], end)
-        # Just inside the piece, a held signal has the value of the piece.
-        shift = 1e-9 * h if drive.held else 0.0
         made = solve_ivp(
-            lambda t, xz, shift=shift, end=end: rate(min(t + shift, end - shift), xz), (begin, end), now,
+            lambda t, xz, end=end: rate(min(t + shift, end - shift), xz), (begin, end), now,
             method="RK45", t_eval=at if len(at) and at[-1] >= end else np.r_[at, end], rtol=_RELATIVE,
             atol=tolerance, max_step=4.0 * h if drive.held else h,
         )  # fmt: skip
@@ -324,7 +324,7 @@ def _integrated(
         found[inside] = made.y.T[: len(at)]
         now = made.y[:, -1]
     signals = np.array(
-        [plant.evaluate(t, xz[:nx], driven(t), p, laws, xz[nx:])[2]
+        [plant.evaluate(t, xz[:nx], driven(t + shift), p, laws, xz[nx:])[2]
          for t, xz in zip(times.tolist(), found.tolist(), strict=True)]
     )  # fmt: skip
     for law in laws:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
 
@@ -59,7 +59,7 @@ class Place:
     other: int = -1
     via: tuple[int, int] = (0, 0)
     size: float = 1.0
-    ratio: float = math.nan
+    ratio: float = field(default=math.nan, compare=False)  # NaN differs from itself
 
 
 @dataclass(frozen=True)
