@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 # Numbers, and states, that a law has at most; steps of its states between two communication points.
 _MOST, _PARTS = 4, 8
 # Evaluations of a component that a communication step of an instance takes as long as.
-_STEP = 20
+_STEP = 15
 # Simulations of each part of a system that are kept.
 _KEPT = 64
 
@@ -241,7 +241,8 @@ class PlayedModel(StateModel):
             own = signal == nx + one.place.index + (len(self.inputs) if one.place.kind is Kinds.OUTPUT else 0)
             effect: Effect
             if one.delay and own:
-                time = abs(float(z[at]))
+                # A fit may try any time. What is as late as the run is long never comes, and needs no memory.
+                time = min(abs(float(z[at])), len(ext) * self.study.interval)
                 effect = Delay(time=time, before=None)
                 if one.delay == "held":
                     effect = SampleAndHold(period=time, phase=float(z[at + 1]) % 1.0 * time)

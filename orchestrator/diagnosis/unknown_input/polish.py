@@ -65,6 +65,12 @@ class Replays:
         self.starts = [one[3] for one in runs.data] if starts is None else list(starts)
         self.hidden = sum(one.states for one in laws)
         self.scale = runs.scale[: len(self.model.states)]
+        # At communication points holds jump with their numbers, which stay where a fit begins.
+        ends = len(self.model.nominal) + np.cumsum([0, *(one.numbers for one in laws)])
+        self.still = [
+            j for one, first, end in zip(laws, ends, ends[1:], strict=False)
+            if one.delay == "held" and not self.model.filters for j in range(first, end)
+        ]  # fmt: skip
 
     def found(self, index: int, start: Array, constants: Array) -> Array:
         """Compared signals of one run as simulated, shape (samples, compared)."""
@@ -148,6 +154,8 @@ class Replays:
         found = np.zeros((ends[-1], nc + nx * len(begin))) if known is None else known.copy()
         renewed = range(nc + nx) if known is None else range(len(self.model.nominal), nc)
         for j in renewed:
+            if j < nc and j in self.still:
+                continue
             moved, shift = constants.copy(), np.zeros(nx)
             if j < nc:
                 step = _STEP * max(1.0, abs(constants[j] / sizes[j]))

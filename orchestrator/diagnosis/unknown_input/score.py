@@ -94,9 +94,9 @@ class _Left:
         """What a law changes, by what it changes in the residuals."""
         return self._beside(np.r_[self.weight * changed, self.more])
 
-    def shown(self, change: Array) -> bool:
-        """Whether a change explains more than next to nothing."""
-        return float(change @ self.left) ** 2 > _UNSEEN * self.whole * float(change @ change)
+    def shown(self, change: Array, least: float = _UNSEEN) -> bool:
+        """Whether a change explains more than a share of what is left, by default next to nothing."""
+        return float(change @ self.left) ** 2 > least * self.whole * float(change @ change)
 
     def _beside(self, values: Array) -> Array:
         return values - self.basis @ (self.basis.T @ values)
@@ -214,22 +214,25 @@ def scored(
             with_law = [Replays(runs, [*laws, one.inserted], SAMPLES, each.replays.starts) for each in begun]
 
             def simulated(numbers: Array, at: _Begin, known: Any = known, with_law: Any = with_law) -> Any:
+                def everywhere(begin: _Begin) -> Any:
+                    constants = np.concatenate([begin.constants, numbers])
+                    return with_law[begun.index(begin)].residual(constants) - begin.residual
+
                 if runs.model.filters:
-                    constants = np.concatenate([at.constants, numbers])
-                    return with_law[begun.index(at)].residual(constants) - at.residual
-                # Every law takes simulations here. So those at the first begin serve all, and the worst run
-                # comes first, alone.
+                    return everywhere(at)
+                # Every law takes simulations here. So the worst run comes first, alone, and the first begin
+                # tells whether a law is worth simulations at another one.
                 key = tuple(numbers.tolist())
-                constants = np.concatenate([first.constants, numbers])
                 if key not in known:
-                    run = first.worst
-                    there = with_law[0].left(run, first.replays.starts[run], constants)
-                    known[key] = there - first.residual[first.part]
+                    constants = np.concatenate([first.constants, numbers])
+                    run = with_law[0].left(first.worst, first.replays.starts[first.worst], constants)
+                    known[key] = run - first.residual[first.part]
                 if len(known[key]) < len(first.residual):
-                    if not any(each.there.shown(each.there.change(known[key])) for each in begun):
+                    if not any(begin.there.shown(begin.there.change(known[key])) for begin in begun):
                         return None
-                    known[key] = with_law[0].residual(constants) - first.residual
-                return known[key]
+                    known[key] = everywhere(first)
+                other = at is not first and at.shown(at.change(known[key]), _FAINT)
+                return everywhere(at) if other else known[key]
 
             for at, each, some in zip(begun, small, found, strict=True):
                 best = best_at(one, at, each, simulated)
