@@ -488,6 +488,7 @@ def test_the_same_law_elsewhere_that_explains_the_logs_as_well_is_no_rival(fmus:
         every = [one for place in model.places() for one in readable(model, place)]
     (first, *_, second) = [one for one in every if one.law.name == "viscous"]
     other = next(one for one in every if one.law.name == "coulomb")
+    wider = next(one for one in every if one.law.name == "stribeck" and one.place == other.place)
     assert first.place.component != second.place.component
     matrix = np.zeros(0), np.eye(0)
     fits = [Fitted((one,), np.ones(1), np.ones(1), 0.0, matrix) for one in (first, second, other)]
@@ -501,6 +502,12 @@ def test_the_same_law_elsewhere_that_explains_the_logs_as_well_is_no_rival(fmus:
     # What leaves more than noise may do so in different ways.
     less, rivals, elsewhere = rivals_of(search, weighed, 0, 0.98, leaves=True)
     assert less < probability and len(rivals) == 2 and not elsewhere
+    # What holds the answer as a special case explains the logs as well.
+    sizes = ((other, 2), (wider, 4))
+    friction = [Fitted((one,), np.ones(n), np.ones(n), 0.0, matrix) for one, n in sizes]
+    weighed = [Weighed(one, polished, 0.0) for one in friction]
+    assert rivals_of(search, weighed, 0, 0.98, leaves=False)[0] > 0.85
+    assert rivals_of(search, weighed, 1, 0.98, leaves=False)[0] == pytest.approx(0.49)
 
 
 @pytest.mark.parametrize("held", [False, True])
