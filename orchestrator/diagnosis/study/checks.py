@@ -24,8 +24,8 @@ Signals = Mapping[Port, Array]
 # is corrected, and as what share of the misfit before.
 _WRONG, _FITS, _ENOUGH = 0.25, 0.25, 0.1
 
-# Part of a run that shows first whether a mistake can explain it.
-_BEGIN = 20
+# Shares of a run, from its begin, that show in turn whether a mistake can explain it.
+_BEGINS = (0.05, 0.1, 0.2, 0.4)
 # A model that moves by no more times the noise is at rest.
 _REST = 3.0
 # A model runs away whose signal is so many times as large as anything in the log.
@@ -303,21 +303,24 @@ def _mistake(replay: Replay, run: PortRun, given: Signals) -> Mistake | None:
 
 
 def _hopeless(replay: Replay, run: PortRun, wrong: list[Port], most: float) -> bool:
-    """Whether the begin of a run alone leaves more than its misfits may be together.
+    """Whether a begin of a run alone leaves more than its misfits may be together.
 
     A mistake that makes the model run away, as an inverted pendulum that falls, costs the integrators many
     steps.
     """
     settled = replay.study.settled
-    begin = settled + len(run) // _BEGIN
-    given = replay.signals(replace(run, logs={port: log[:begin] for port, log in run.logs.items()}))
-    left = 0.0
-    for port in wrong:
-        log = run.logs[port][settled:]
-        with np.errstate(invalid="ignore", over="ignore"):
-            missed = float(np.sum((log[: begin - settled] - given[port][settled:]) ** 2))
-            left += missed / (len(log) * max(float(np.var(log)), 1e-300))
-    return not left < most
+
+    def left(end: int) -> float:
+        given = replay.signals(replace(run, logs={port: log[:end] for port, log in run.logs.items()}))
+        found = 0.0
+        for port in wrong:
+            log = run.logs[port][settled:]
+            with np.errstate(invalid="ignore", over="ignore"):
+                missed = float(np.sum((log[: end - settled] - given[port][settled:]) ** 2))
+                found += missed / (len(log) * max(float(np.var(log)), 1e-300))
+        return found
+
+    return any(not left(settled + int(share * len(run))) < most for share in _BEGINS)
 
 
 def _drives(study: PortStudy, run: PortRun, other: PortRun) -> bool:
