@@ -43,6 +43,7 @@ from orchestrator.diagnosis.unknown_input.response import Responses
 from orchestrator.diagnosis.unknown_input.score import scored
 from orchestrator.diagnosis.unknown_input.search import Search, kin_of
 from orchestrator.diagnosis.unknown_input.separate import FittedAnswer, separating
+from orchestrator.diagnosis.unknown_input.verdict import verdict_on
 from orchestrator.effects.delay import Delay
 from orchestrator.system.connection import Port
 
@@ -314,6 +315,14 @@ def test_a_small_law_that_held_out_runs_contradict_is_none(fmus: Path) -> None:
     assert found.verdict == "none" and found.fitted is None and found.probability <= 0.6
     remarks = " ".join(found.remarks)
     assert "contradict the nearest law" in remarks and "times the noise" in remarks
+
+
+@pytest.mark.parametrize(("remains", "said"), [(1.3, "none"), (30.0, "outside")])
+def test_a_law_that_held_out_runs_contradict_is_none_beside_noise(remains: float, said: str) -> None:
+    search: Any = SimpleNamespace(base=SimpleNamespace(remains=remains))
+    best: Any = SimpleNamespace(laws=(SimpleNamespace(),))
+    verdict, remarks = verdict_on(search, best, closes=0.3, share=0.01, calibrated=0.2)
+    assert verdict == said and "contradict the nearest law" in remarks[0]
 
 
 def test_one_law_is_tried_at_several_components(fmus: Path) -> None:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from .fits import Weighed
 from .held_out_replay import closed
-from .law_fit import Candidate, Fitted
-from .score import odds_of
+from .law_fit import Fitted
 from .search import LEAST, SECOND, Search
 
 # Shares of the residual that a law must close: the first or a rarer one, and a second one.
@@ -112,15 +111,6 @@ def significant(one: Fitted) -> bool:
     return len(one.laws) < 2 or all(
         _IDLE * abs(values[0]) < sigmas[0] < abs(values[0]) / 3.0 for _, values, sigmas in one.by_law()
     )
-
-
-def share_among(best: Fitted, twins: Mapping[str, Sequence[Candidate]]) -> float:
-    """Share of the answer among laws that act the same on these logs, each once at a component."""
-    share = 1.0
-    for one in best.laws:
-        odds = odds_of([one, *twins.get(one.name, ())])
-        share *= odds[one.law.name] / sum(odds.values())
-    return share
 
 
 def rivals_of(

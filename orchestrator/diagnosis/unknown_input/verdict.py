@@ -13,6 +13,8 @@ from .search import Search
 
 # Share of the gap on held-out runs that laws must close to be the answer, and to be named as the nearest.
 _CLOSES, _HINT = 0.5, 0.1
+# Residual over the noise up to which nothing is missing.
+_NOISE = 2.0
 # Share of the logs' spread below which a residual without a name counts as none.
 _SMALL = 0.05
 
@@ -37,13 +39,13 @@ def verdict_on(
         contradicted = (
             "The held-out runs contradict the nearest law: it closes less than half of the gap there."
         )
-        # Such a law imitates what differs from run to run, which needs no name where it is small.
-        if closes < _HINT and calibrated <= _SMALL:
+        # Such a law imitates noise, or what differs from run to run, which needs no name where it is small.
+        if remains <= _NOISE or (closes < _HINT and calibrated <= _SMALL):
             return "none", [contradicted, left]
         return "outside", [contradicted]
-    if remains > 2.0 and share > _SMALL:
+    if remains > _NOISE and share > _SMALL:
         return "outside", []
-    return "none", [left] if remains > 2.0 else []
+    return "none", [left] if remains > _NOISE else []
 
 
 def nearest_laws(
