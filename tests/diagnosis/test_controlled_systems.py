@@ -227,11 +227,11 @@ def test_a_sampled_controller_that_does_what_its_logs_say_is_fed(fmus: Path, sig
     path = written(fmus, system, logs, columns)
     path.write_text(path.read_text("utf-8") + "interval: 20 ms\n", encoding="utf-8")
     study = load_port_study(path)
-    found, told = with_devices_fed(study)
+    found, warned = with_devices_fed(study)
     if sign < 0.0:
-        assert found is study and not told
+        assert found is study and not warned
         return
-    assert [str(one) for one in found.compared] == ["rod.position"] and told[0].place == "hold"
+    assert [str(one) for one in found.compared] == ["rod.position"] and warned[0].place == "hold"
     assert {str(one) for one in found.held} == {"hold.force"}
     with StateModel(found) as model:
         assert "der(rod.velocity)" in {one.name for one in model.places()}

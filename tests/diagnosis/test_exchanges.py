@@ -61,7 +61,7 @@ equation
   9e5*der(air) = 60*(radiator - air) - 70*(air - 5);
 end House;
 """,
-    # Nothing tells what one of these does to the other.
+    # Nothing shows what one of these does to the other.
     "Apart": """model Apart
   input Real power(unit="W");
   output Real one(unit="K", start=300, fixed=true);

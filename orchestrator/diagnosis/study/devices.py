@@ -26,7 +26,7 @@ def with_devices_fed(study: PortStudy) -> tuple[PortStudy, list[Warned]]:
 
     Returns: the study, and which devices are not searched.
     """
-    told = []
+    warned = []
     connections = study.prepared.system.connections
     read = {port for one in connections for port in one.sources}
     for one in study.prepared.system.instances:
@@ -39,7 +39,7 @@ def with_devices_fed(study: PortStudy) -> tuple[PortStudy, list[Warned]]:
         if not _as_logged(study, own, others):
             continue
         study = _fed(study, own)
-        told.append(
+        warned.append(
             Warned(
                 place=one.name,
                 what="changes at events only; its logged outputs are fed, so that laws are found inside the "
@@ -47,7 +47,7 @@ def with_devices_fed(study: PortStudy) -> tuple[PortStudy, list[Warned]]:
                 remedy="It does about what its logs say; a small fault of it is not found.",
             )
         )
-    return study, told
+    return study, warned
 
 
 def _is_device(one: Instance) -> bool:

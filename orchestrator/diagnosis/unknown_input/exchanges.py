@@ -1,6 +1,6 @@
 """Places where something may pass from one state of a component to another.
 
-What leaves one state enters the other, over the capacity of each. The model's own derivatives tell the
+What leaves one state enters the other, over the capacity of each. The model's own derivatives show the
 capacities, since what passes between two parts acts on both: pressures of a cylinder on the piston, which
 displaces the oil of both; one body's heat on the other.
 """

@@ -79,7 +79,7 @@ class Scores:
 
 
 class _Left:
-    """What is left of some residuals, and what a law explains of it, beside parameters and start states.
+    """Residuals beside parameters and start states, and what a law explains of them.
 
     These explain what they can within their tolerances, as in a fit.
     """
@@ -95,7 +95,7 @@ class _Left:
         return self._beside(np.r_[self.weight * changed, self.more])
 
     def shown(self, change: Array, least: float = _UNSEEN) -> bool:
-        """Whether a change explains more than a share of what is left, by default next to nothing."""
+        """Whether a change explains more than a share of these residuals, by default nearly none."""
         return float(change @ self.left) ** 2 > least * self.whole * float(change @ change)
 
     def _beside(self, values: Array) -> Array:
@@ -103,7 +103,7 @@ class _Left:
 
 
 class _Begin(_Left):
-    """What is left at fitted numbers, of all runs and of one; by default the run of which most is left."""
+    """Residuals at fitted numbers, of all runs and of one, by default the one with the largest."""
 
     def __init__(self, replays: Replays, constants: Array, worst: int | None = None) -> None:
         self.replays, self.constants = replays, constants
@@ -124,7 +124,7 @@ def scored(
     runs: Runs, places: Sequence[Place], laws: Sequence[Inserted],
     begins: Sequence[tuple[Array, Sequence[Array]]], most: int = 40, late: bool = False,
 ) -> list[Scores]:  # fmt: skip
-    """The laws that explain most of what is left at each begin, best first.
+    """The laws that explain most of the residuals at each begin, best first.
 
     Args:
         laws: inserted already. begins: parameters, then their numbers, as fitted, and start states.
@@ -221,7 +221,7 @@ def scored(
                 if runs.model.filters:
                     return everywhere(at)
                 # Every law takes simulations here. So the worst run comes first, alone, and the first begin
-                # tells whether a law is worth simulations at another one.
+                # decides whether a law is worth simulations at another one.
                 key = tuple(numbers.tolist())
                 if key not in known:
                     constants = np.concatenate([first.constants, numbers])
