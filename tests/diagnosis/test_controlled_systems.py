@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,6 +11,7 @@ import yaml
 from scipy.integrate import solve_ivp
 
 from orchestrator.base.errors import ConfigError
+from orchestrator.diagnosis.study.channels import is_stairs
 from orchestrator.diagnosis.study.checks import _hopeless, check_logs
 from orchestrator.diagnosis.study.devices import with_devices_fed
 from orchestrator.diagnosis.study.keys import Role
@@ -20,6 +19,8 @@ from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.study.study import PortRun
 from orchestrator.diagnosis.unknown_input.law_fit import readable
 from orchestrator.diagnosis.unknown_input.model import StateModel
+from orchestrator.diagnosis.unknown_input.places import Runs
+from orchestrator.diagnosis.unknown_input.polish import Replays
 from orchestrator.diagnosis.unknown_input.thinning import without_outliers
 from orchestrator.system.connection import Port
 
@@ -69,6 +70,16 @@ equation
   force = value;
 end Sampled;
 """,
+    "Load": """model Load "A load on a rope whose length is given"
+  input Real rope(unit="m", start=2);
+  input Real drive(unit="m/s2");
+  output Real angle(unit="rad", start=0.1, fixed=true);
+  output Real speed(unit="rad/s", start=0, fixed=true);
+equation
+  der(angle) = speed;
+  rope*der(speed) = -9.81*sin(angle) - drive*cos(angle);
+end Load;
+""",
     "Switch": """model Switch
   input Real signal(unit="1");
   output Real output_(unit="1");
@@ -77,18 +88,6 @@ equation
 end Switch;
 """,
 }
-
-
-@pytest.fixture(scope="module")
-def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("fmus")
-    for name, text in MODELS.items():
-        (folder / f"{name}.mo").write_text(text, encoding="utf-8")
-        subprocess.run(
-            [sys.executable, "-m", "orchestrator", "build", f"{name}.mo"],
-            cwd=folder, check=True, capture_output=True,
-        )  # fmt: skip
-    return folder
 
 
 def written(folder: Path, system: dict, logs: dict[str, np.ndarray], columns: dict) -> Path:
@@ -125,6 +124,63 @@ def test_drag_acts_on_a_mass_that_a_rotor_lifts(fmus: Path) -> None:
     talk = {one.signal for one in late if one.law.name == "cross-talk"}
     assert talk and "craft.altitude" not in talk
     assert not laws["der(craft.rotor)"] and "overflow" not in laws["der(craft.altitude)"]
+
+
+@pytest.fixture
+def load(fmus: Path) -> Path:
+    """A study of a load on a rope, whose drive is a held command that changes once in a second."""
+    time, draw = np.arange(0.0, 8.0, 0.04), np.random.default_rng(3)
+    levels = draw.uniform(-1.0, 1.0, 9)
+    rope = 1.5 + 0.5 * np.sin(time)
+
+    def rate(t: float, x: np.ndarray) -> list[float]:
+        drive = levels[int(t + 1e-9)]
+        return [x[1], (-9.81 * np.sin(x[0]) - drive * np.cos(x[0])) / (1.5 + 0.5 * np.sin(t))]
+
+    x = solve_ivp(rate, (0.0, 8.0), [0.1, 0.0], t_eval=time, rtol=1e-8, atol=1e-10, max_step=0.02).y
+    logs = {
+        "time [s]": time, "rope [m]": rope, "drive [m/s2]": levels[(time + 1e-9).astype(int)],
+        "angle [rad]": x[0] + 1e-4 * draw.standard_normal(len(time)),
+    }  # fmt: skip
+    system = {
+        "run": {"master": "gauss-seidel", "step_size": "40 ms", "stop_time": "8 s"},
+        "instances": {"load": {"fmu": "Load.fmu"}}, "connections": [],
+    }  # fmt: skip
+    columns = {
+        "load.rope": "rope", "load.drive": "drive",
+        "load.angle": {"column": "angle", "noise": "0.1 mrad", "start": True},
+    }  # fmt: skip
+    return written(fmus, system, logs, columns)
+
+
+def test_a_fed_length_is_never_set_to_zero_alone(load: Path) -> None:
+    """Steps of the simulation suit the fastest mode, which nothing but the logged length shows."""
+    with StateModel(load_port_study(load)) as model:
+        runs = Runs(model, model.study.of(Role.TRAIN))
+        fastest = np.sqrt(9.81 * np.cos(0.1) / 1.5)
+        assert runs.sub == int(np.ceil(fastest * 0.04 / 0.7)) == 1
+        assert np.isfinite(Replays(runs, ()).residual(model.nominal)).all()
+
+
+def test_a_log_of_jumps_that_is_read_as_a_line_is_reported(load: Path) -> None:
+    (warned,) = [one for one in check_logs(load_port_study(load))[1] if "jumps and rests" in one.what]
+    assert warned.place == "load.drive" and "load.angle by" in warned.what and "hold: true" in warned.remedy
+    path = load.with_name("held.yaml")
+    text = load.read_text(encoding="utf-8").replace(
+        "load.drive: drive", "load.drive: {column: drive, hold: true}"
+    )
+    path.write_text(text, encoding="utf-8")
+    assert not [one for one in check_logs(load_port_study(path))[1] if "jumps and rests" in one.what]
+
+
+def test_stairs_are_told_from_what_is_coarse_smooth_or_short() -> None:
+    time = np.arange(1000.0)
+    wave = np.sin(0.01 * time)
+    assert (
+        is_stairs(np.sign(wave)) and is_stairs(np.floor(time / 100.0) % 7) and is_stairs(1.0 * (time > 3.0))
+    )
+    for other in (wave, np.round(20.0 * wave), np.full(1000, 3.0), np.where(time % 50 == 7, 1.0, 0.0) * wave):
+        assert not is_stairs(other)
 
 
 @pytest.mark.parametrize("stiffness", [-30.0, 0.0])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,6 +19,8 @@ from orchestrator.diagnosis.unknown_input.fits import Weighed
 from orchestrator.diagnosis.unknown_input.law_fit import readable
 from orchestrator.diagnosis.unknown_input.laws import library
 from orchestrator.diagnosis.unknown_input.model import StateModel
+from orchestrator.diagnosis.unknown_input.open_run import simulated
+from orchestrator.diagnosis.unknown_input.places import Runs
 
 pytest.importorskip("rumoca")
 
@@ -72,18 +72,6 @@ equation
 end Apart;
 """,
 }
-
-
-@pytest.fixture(scope="module")
-def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("fmus")
-    for name, text in MODELS.items():
-        (folder / f"{name}.mo").write_text(text, encoding="utf-8")
-        subprocess.run(
-            [sys.executable, "-m", "orchestrator", "build", f"{name}.mo"],
-            cwd=folder, check=True, capture_output=True,
-        )  # fmt: skip
-    return folder
 
 
 def study_of(
@@ -160,6 +148,43 @@ def test_what_leaves_one_chamber_enters_the_other_at_each_stroke(fmus: Path) -> 
     flow = 2.0 * (4e6 - 6e6) * begin
     assert change[[first, second]] * capacity == pytest.approx([-flow, flow], rel=1e-5)
     assert np.abs(np.delete(change, [first, second])).max() < 1e-12
+
+
+def test_capacities_that_move_within_a_step_are_simulated(fmus: Path) -> None:
+    """A step takes them at its begin; SciPy solves the same equations."""
+    logs = still(120, 1e-4, 4e6, 6e6, step=0.01)
+    path = study_of(fmus, "Piston", "inflow", {"a": "1e4 Pa", "b": "1e4 Pa"}, logs, 0.01)
+    law = next(one for one in library() if one.name == "exchange")
+
+    def rate(t: float, x: np.ndarray) -> list[float]:
+        stroke, speed, a, b = x
+        volumes = 2e-4 + 15e-4 * stroke, 2e-4 + 10e-4 * (0.6 - stroke)
+        leak = 3.0 * (a - b) * (2e-4 + 15e-4 * 0.3) / 1e9
+        return [
+            speed,
+            (15e-4 * a - 10e-4 * b - 2000.0 * speed) / 300.0,
+            1e9 / volumes[0] * (1e-4 - 15e-4 * speed - leak),
+            1e9 / volumes[1] * (10e-4 * speed - 1e-4 + leak),
+        ]
+
+    with StateModel(load_port_study(path)) as model:
+        runs = Runs(model, model.study.runs)
+        (place,) = (one for one in model.places() if one.kind is Kinds.EXCHANGE)
+        ports = [one.variable for one in model.states]
+        put = Inserted(place, law.address, tuple(ports.index(one) for one in ("a", "b")), 1)
+        start = dict(stroke=0.3, speed=0.0, a=4e6, b=6e6)
+        z = np.array([*(start[one] for one in ports), 3.0])
+        fed = np.full((120, 1), 1e-4)
+        sub, before = 5 * runs.sub, model.effort.spent
+        found, _ = simulated(model, fed, np.array([False]), z, sub, [put])
+        spent = model.effort.spent - before
+        compared = [one.variable for one in model.compared]
+    exact = solve_ivp(
+        rate, (0.0, 1.19), list(start.values()), t_eval=0.01 * np.arange(120), rtol=1e-9, atol=1e-6
+    ).y  # fmt: skip
+    for row, name in ((2, "a"), (3, "b")):
+        assert np.abs(found[:, compared.index(name)] - exact[row]).max() < 1e-4 * np.ptp(exact[row])
+    assert spent == 120 * sub * 8  # four slopes of a step, and what shows the capacities
 
 
 def test_capacities_are_seen_through_a_speed_and_a_force_or_not_at_all(fmus: Path) -> None:

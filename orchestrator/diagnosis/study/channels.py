@@ -23,6 +23,9 @@ _PILED, _PILE = 8, 4
 # that. So do nine of ten rows of so many on each side: tips of an oscillation do not lie alone.
 _SIDE, _OTHERS, _FEW, _FAR, _BACK, _WIDE, _TIPS = 5, 4, 0.05, 10.0, 0.35, 25, 0.1
 
+# Rows that a signal that is held rests between most jumps, and share of its range that jumps take.
+_RESTS, _JUMP = 3, 0.1
+
 _CLIPPED = "Raise the range of the channel; if this is the sensor's own, the verdict counts it as an effect."
 _STOPPED = "The channel stopped; leave the run out, or log it again."
 
@@ -71,6 +74,14 @@ def frozen(values: Array) -> list[Stuck]:
             what = f"row {row} ({values[row]:.9g}): frozen for {length} rows"
             found.append(Stuck(what, _STOPPED, row, row + length))
     return found
+
+
+def is_stairs(values: Array) -> bool:
+    """Whether a channel jumps and rests in between; a coarse one goes up and down by small steps."""
+    firsts, lengths = _runs(values)
+    jumps = np.abs(np.diff(values[firsts]))
+    large = len(jumps) > 0 and float(np.median(jumps)) > _JUMP * float(np.ptp(values))
+    return large and float(np.quantile(lengths, 0.2)) >= _RESTS
 
 
 def outliers(values: Array, noise: float) -> NDArray[np.bool_]:

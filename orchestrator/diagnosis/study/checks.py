@@ -10,7 +10,7 @@ import numpy as np
 
 from ...base.errors import Problem, SimulationEnded, StepError
 from ...system.connection import Port
-from .channels import clipped, frozen
+from .channels import clipped, frozen, is_stairs
 from .clocks import wrong_clocks
 from .mistakes import Mistake, Warned, merged_problems, plural, wrong_factors, wrong_scales
 from .repeats import unlike
@@ -24,8 +24,8 @@ Signals = Mapping[Port, Array]
 # is corrected, and as what share of the misfit before.
 _WRONG, _FITS, _ENOUGH = 0.25, 0.25, 0.1
 
-# Shares of a run, from its begin, that show in turn whether a mistake can explain it.
-_BEGINS = (0.05, 0.1, 0.2, 0.4)
+# Shares of a run, from its begin, that show in turn whether a mistake can explain it, and fewest samples.
+_BEGINS, _FEWEST = (0.005, 0.02, 0.1, 0.4), 10
 # A model that moves by no more times the noise is at rest.
 _REST = 3.0
 # A model runs away whose signal is so many times as large as anything in the log.
@@ -64,6 +64,7 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
         *_unlike(study),
         *_driven_by_noise(replay, given),
         *_long_step(study, given),
+        *_stairs(study),
         *_unused(study),
     ]
 
@@ -212,27 +213,58 @@ def _driven_by_noise(replay: Replay, signals: Mapping[str, Signals]) -> list[War
     return found
 
 
+def _moved(study: PortStudy, run: PortRun, given: Signals, other: Signals) -> tuple[Port | None, float]:
+    """The compared signal that differs most between two simulations, and by how many times its noise."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        moved = {
+            port: float(np.sqrt(np.mean((other[port] - given[port])[study.settled :] ** 2)))
+            / float(study.columns[port].noise or 1)
+            for port in _compared(study, run)
+        }
+    worst = max(moved, key=lambda one: moved[one], default=None)
+    return worst, moved[worst] if worst is not None and np.isfinite(moved[worst]) else 0.0
+
+
 def _long_step(study: PortStudy, signals: Mapping[str, Signals]) -> list[Warned]:
     """Compared signals that half the communication step changes by more than their noise."""
     run = study.of(Role.TRAIN)[0]
     halved = with_steps(study, 2)
     if halved is None or not _compared(study, run):
         return []
-    finer, given = Replay(halved).signals(run), signals[run.name]
-    with np.errstate(invalid="ignore", over="ignore"):
-        moved = {
-            port: float(np.sqrt(np.mean((finer[port] - given[port])[study.settled :] ** 2)))
-            / float(study.columns[port].noise or 1)
-            for port in _compared(study, run)
-        }
-    worst = max(moved, key=lambda one: moved[one])
-    if not 1.0 < moved[worst] < np.inf:
+    worst, size = _moved(study, run, signals[run.name], Replay(halved).signals(run))
+    if size <= 1.0:
         return []
     step = f"{float(study.prepared.grid.step_size):.4g} s"
-    what = f"half the communication step of {step} changes {worst} by {moved[worst]:.2g} times its noise"
+    what = f"half the communication step of {step} changes {worst} by {size:.2g} times its noise"
     remedy = "Set a shorter run.step_size, or `hold` for signals of a digital device. Where the master "
     remedy += "simulates the system, laws may imitate this error."
     return [Warned(place=run.name, what=what, remedy=remedy)]
+
+
+def _stairs(study: PortStudy) -> list[Warned]:
+    """Fed logs that jump and rest in between, but are read as lines between samples, where that shows."""
+    run = study.of(Role.TRAIN)[0]
+    stairs = [
+        port for port in study.fed
+        if port in run.logs and port not in study.held and is_stairs(run.logs[port])
+    ]  # fmt: skip
+    # Over one communication step an FMU holds its inputs anyway.
+    study = (with_steps(study, 2) if study.parts == 1 else None) or study
+    given = Replay(study).signals(run) if stairs else {}
+    found = []
+    for port in stairs:
+        columns = {**study.columns, port: study.columns[port].model_copy(update={"hold": True})}
+        held = Replay(replace(study, columns=columns)).signals(run)
+        worst, size = _moved(study, run, given, held)
+        if size > 1.0:
+            what = "the log jumps and rests in between, but is read as a line from sample to sample; held "
+            what += f"between samples it changes {worst} by {size:.2g} times its noise"
+            remedy = (
+                "Set `hold: true` if the signal jumps at its samples, as the command of a digital device. "
+            )
+            remedy += "Laws may imitate this error."
+            found.append(Warned(place=str(port), what=what, remedy=remedy))
+    return found
 
 
 def _unused(study: PortStudy) -> list[Warned]:
@@ -320,7 +352,7 @@ def _hopeless(replay: Replay, run: PortRun, wrong: list[Port], most: float) -> b
                 found += missed / (len(log) * max(float(np.var(log)), 1e-300))
         return found
 
-    return any(not left(settled + int(share * len(run))) < most for share in _BEGINS)
+    return any(not left(settled + max(_FEWEST, int(share * len(run)))) < most for share in _BEGINS)
 
 
 def _drives(study: PortStudy, run: PortRun, other: PortRun) -> bool:

@@ -23,9 +23,11 @@ COLUMNS = 18
 # Columns of what acts: where, and which law.
 _KIND, _COMPONENT, _INDEX, _HAS_W, _LAW, _SIGNAL, _COUNT, _NUMBER, _HIDDEN, _STATES = range(10)
 _INTERVAL, _DELAY = 10, 11
-_OTHER, _MOVED, _SEEN, _SIZE, _COLUMNS = 12, 13, 14, 15, 16
+_OTHER, _MOVED, _SEEN, _SIZE, _BEGIN, _END, _COLUMNS = range(12, 19)
 # Step of differences between what components answer, over the size of a variable, 1 at least.
 _STEP = 1e-6
+# Evaluations of a component that show two capacities.
+_CAPACITIES = 4
 
 
 class Kinds(IntEnum):
@@ -232,10 +234,22 @@ def capacities(row, first, second, moved, seen):
     Args:
         first, second: positions of the states. moved, seen: of the variable, and of its counterpart.
     """
-    a, b = slope(row, first, seen), slope(row, second, seen)
-    if a == 0.0 or b == 0.0:
+    to_first, to_second = row[GET_VALUES] + 8 * first, row[GET_VALUES] + 8 * second
+    to_seen = row[GET_VALUES] + 8 * seen
+    before, begin, end = load(to_seen, 0.0), load(to_first, 0.0), load(to_second, 0.0)
+    value = put_at(row, first, _STEP, True)
+    by_first = (load(to_seen, 0.0) - before) / max(1.0, abs(value))
+    store(row[SET_VALUES] + 8 * first, value)
+    value = put_at(row, second, _STEP, True)
+    by_second = (load(to_seen, 0.0) - before) / max(1.0, abs(value))
+    store(row[SET_VALUES] + 8 * second, value)
+    value = put_at(row, moved, _STEP, True)
+    begin, end = load(to_first, 0.0) - begin, load(to_second, 0.0) - end
+    step = max(1.0, abs(value))
+    put_at(row, moved, value, False)
+    if by_first == 0.0 or by_second == 0.0:
         return 0.0, 0.0
-    return abs(slope(row, moved, first) / a), abs(slope(row, moved, second) / b)
+    return abs(begin / step / by_first), abs(end / step / by_second)
 
 
 @njit(allocates=False)
@@ -244,7 +258,7 @@ def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, 
 
     Args:
         rows: components, shape (n, 18). wiring: see `StateModel`. x, ext, p: states, fed signals, parameters.
-        acts: what acts where, shape (n, 16), see `acts_of`. w: the unknown input.
+        acts: what acts where, shape (n, 19), see `acts_of`. w: the unknown input.
         signals: which of [x, u, y] the laws read. theta, hidden: their numbers and their states.
         u, y, rate: written, inputs, outputs and derivatives. extra: written, derivatives of `hidden`.
         past, now, call: memory of laws; see `past_of`.
@@ -291,14 +305,24 @@ def evaluate(rows, wiring, x, ext, p, t, acts, w, signals, theta, hidden, u, y, 
                 )  # fmt: skip
                 if acts[a, _KIND] == 4:
                     i, j = acts[a, _INDEX], acts[a, _OTHER]
-                    begin, end = capacities(row, i - row[X], j - row[X], acts[a, _MOVED], acts[a, _SEEN])
-                    added /= load(acts.ctypes.data + 8 * (a * _COLUMNS + _SIZE), 0.0)
-                    rate[i] -= added * begin
-                    rate[j] += added * end
+                    at = acts.ctypes.data + 8 * a * _COLUMNS
+                    if now[3] < 2.0:  # capacities hardly change within a step
+                        begin, end = capacities(row, i - row[X], j - row[X], acts[a, _MOVED], acts[a, _SEEN])
+                        store(at + 8 * _BEGIN, begin)
+                        store(at + 8 * _END, end)
+                    added /= load(at + 8 * _SIZE, 0.0)
+                    rate[i] -= added * load(at + 8 * _BEGIN, 0.0)
+                    rate[j] += added * load(at + 8 * _END, 0.0)
                 elif acts[a, _KIND] == 2:
                     rate[acts[a, _INDEX]] += added
                 else:
                     y[acts[a, _INDEX]] += added
+
+
+def calls_of(components: int, laws: Sequence[Inserted], w: Place | None = None) -> int:
+    """Evaluations of components at one point; see `capacities` for those of an exchange."""
+    places = [*(one.place for one in laws), *([] if w is None else [w])]
+    return components + _CAPACITIES * sum(one.kind is Kinds.EXCHANGE for one in places)
 
 
 def acts_of(laws: Sequence[Inserted], w: Place | None, interval: float) -> tuple[Any, Any]:
@@ -310,7 +334,7 @@ def acts_of(laws: Sequence[Inserted], w: Place | None, interval: float) -> tuple
     rows, signals, number, hidden = [], list[int](), 0, 0
 
     def place(one: Place) -> list[int]:
-        return [one.other, *one.via, int(np.float64(one.size).view(np.int64))]
+        return [one.other, *one.via, int(np.float64(one.size).view(np.int64)), 0, 0]
 
     for one in laws:
         where = one.place

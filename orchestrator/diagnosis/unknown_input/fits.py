@@ -21,6 +21,8 @@ from .score import SAMPLES
 Array = NDArray[np.float64]
 # Steps of a fit that is tried. Sets of laws that are fitted before one that explains the logs ends the trial.
 _STEPS, _RIVALS = 5, 4
+# Fits between two looks at the limit of work.
+_TOGETHER = 8
 # Steps of a fit to the end, and of one by exact derivatives for all that leave so many times the least.
 MANY, _EXACT, _CLOSE = 12, 6, 1.15
 # Fits that leave more than this many times the best are not carried on.
@@ -121,8 +123,15 @@ class Fits:
     def fit_each(
         self, begins: Iterable[tuple[Sequence[Candidate], Array, Sequence[Array]]], *options: Any, **more: Any
     ) -> list[Fit]:
-        """Independent fits, each from laws, constants and start states; see `fit`."""
-        return in_parallel([partial(self.fit, *one, *options, **more) for one in begins])
+        """Fits, each from laws, constants and start states, up to the limit of work; see `fit`."""
+        tasks = [partial(self.fit, *one, *options, **more) for one in begins]
+        found: list[Fit] = []
+        while tasks:
+            found += in_parallel(tasks[:_TOGETHER])
+            tasks = tasks[_TOGETHER:]
+            if tasks and not self.allowed("further fits"):
+                break
+        return found
 
     def fit_beside(self, sets: Sequence[Sequence[Candidate]], beside: Fit) -> list[Fit]:
         """Fit each set of laws beside those that are fitted, by a few steps; best first."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.compiled_functions import njit
-from .evaluation import Inserted, Place, acts_of, evaluate, past_of
+from .evaluation import Inserted, Place, acts_of, calls_of, evaluate, past_of
 from .model import StateModel
 
 Array = NDArray[np.float64]
@@ -297,6 +297,16 @@ def rows_of(model: StateModel, laws: Sequence[Inserted], w: Place | None, order:
     return n, *acts_of(laws, w, model.study.interval)
 
 
+def simulation_effort(
+    components: int, sub: int, laws: Sequence[Inserted] = (), w: Place | None = None
+) -> int:
+    """Evaluations of components that a simulation takes for each sample.
+
+    The last three of the four slopes of a step take the capacities that an exchange had at the first one.
+    """
+    return sub * (3 * components + calls_of(components, laws, w))
+
+
 def matrix_effort(count: int, sub: int) -> int:
     """Evaluations of components that take as long as the products of matrices over a sample."""
     return (5 + sub) * count**3 // 1000
@@ -306,21 +316,23 @@ def substeps(model: StateModel, scale: Array, fed: Array) -> int:
     """Steps of RK4 a sample that keep the fastest mode within 0.7 of a step.
 
     Args:
-        fed: a run's first fed values. Its parameters are taken, and 0 for its signals.
+        fed: a run's first fed values. Its signals count as they are and as 0, where the system may answer to
+            one of both only: a rope needs a length.
     """
+    count, signals_fed = len(model.states), len(model.study.fed)
+    if not count:
+        return 1
     n, acts, signals = rows_of(model, (), None, 0)
     z = np.concatenate([model.start, model.nominal])
     u, y = np.zeros(len(model.inputs)), np.zeros(len(model.outputs))
-    signals_fed = len(model.study.fed)
-    ext = np.r_[np.zeros(signals_fed), fed[signals_fed:]]
     delta = np.concatenate([1e-6 * scale, 1e-6 * np.abs(model.nominal) + 1e-12])
-    a, _, _ = jacobians(
-        model.rows, model.wiring, z, n, ext, 0.0, acts, signals, u, y, delta, model.measured, 0.0
-    )
-    count = len(model.states)
-    if not count:
-        return 1
-    fastest = float(np.abs(np.linalg.eigvals(a[:count, :count])).max())
+    fastest = 0.0
+    for ext in (fed, np.r_[np.zeros(signals_fed), fed[signals_fed:]]):
+        a, _, _ = jacobians(
+            model.rows, model.wiring, z, n, ext, 0.0, acts, signals, u, y, delta, model.measured, 0.0
+        )
+        if np.isfinite(a).all():
+            fastest = max(fastest, float(np.abs(np.linalg.eigvals(a[:count, :count])).max()))
     return int(min(50, max(1, np.ceil(fastest * model.study.interval / 0.7))))
 
 
@@ -329,7 +341,7 @@ def simulated(
 ) -> tuple[Array, Array]:
     """Compared outputs and all signals [states, inputs, outputs] of an open run from z."""
     n, acts, signals = rows_of(model, laws, None, 0)
-    model.effort.add(len(ext) * 4 * sub * len(model.rows))
+    model.effort.add(len(ext) * simulation_effort(len(model.rows), sub, laws))
     return _simulate(
         model.rows, model.wiring, z, n, ext, held, model.study.interval, sub, acts, signals,
         len(model.inputs), len(model.outputs), model.measured,
@@ -347,7 +359,8 @@ def sensitive(
     Returns: shape (samples, compared, len(z)); zeros after a run that is not finite.
     """
     n, acts, signals = rows_of(model, laws, None, 0)
-    model.effort.add(len(ext) * ((4 * sub + 1 + len(z)) * len(model.rows) + matrix_effort(len(z), sub)))
+    linearised = (1 + len(z)) * calls_of(len(model.rows), laws) + matrix_effort(len(z), sub)
+    model.effort.add(len(ext) * (simulation_effort(len(model.rows), sub, laws) + linearised))
     return _sensitive(
         model.rows, model.wiring, z, n, ext, held, model.study.interval, sub, acts, signals, 1e-5 * scale,
         len(model.inputs), len(model.outputs), model.measured,
@@ -366,7 +379,9 @@ def tangent(
     n, acts, signals = rows_of(model, laws, None, 1)
     w_acts = np.array([rows_of(model, laws, place, 1)[1] for place, _ in places])
     deltas = np.array([1e-5 * size for _, size in places])
-    model.effort.add(len(ext) * (4 * sub + len(z) + len(places)) * len(model.rows))
+    linearised = len(z) * calls_of(len(model.rows), laws)
+    linearised += sum(calls_of(len(model.rows), laws, place) for place, _ in places)
+    model.effort.add(len(ext) * (simulation_effort(len(model.rows), sub, laws) + linearised))
     made = _tangent(
         model.rows, model.wiring, np.append(z, 0.0), n, ext, held, model.study.interval, sub, acts, signals,
         1e-5 * scale, w_acts, deltas, len(model.inputs), len(model.outputs), model.measured,

@@ -14,9 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.compiled_functions import njit
-from .evaluation import Inserted, Place, past_of
+from .evaluation import Inserted, Place, calls_of, past_of
 from .model import StateModel
-from .open_run import advance, jacobians, matrix_effort, rows_of, step_room, transition
+from .open_run import (
+    advance,
+    jacobians,
+    matrix_effort,
+    rows_of,
+    simulation_effort,
+    step_room,
+    transition,
+)  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -126,9 +134,12 @@ def _filter(
     return loglik, z, p, zf, var
 
 
-def pass_effort(components: int, size: int, sub: int, smooth: bool) -> int:
+def pass_effort(
+    components: int, size: int, sub: int, smooth: bool, laws: Sequence[Inserted] = (), w: Place | None = None
+) -> int:
     """Evaluations of components that a filter's pass takes for each sample."""
-    return (4 * sub + 2 * (1 + size)) * components + (2 + smooth) * matrix_effort(size, sub)
+    linearised = 2 * (1 + size) * calls_of(components, laws, w)
+    return simulation_effort(components, sub, laws, w) + linearised + (2 + smooth) * matrix_effort(size, sub)
 
 
 def filtered(
@@ -157,7 +168,7 @@ def filtered(
     """
     n, acts, signals = rows_of(model, laws, w, order)
     covariance = np.diag(variance) if variance.ndim == 1 else variance
-    model.effort.add(len(ext) * pass_effort(len(model.rows), len(z), sub, smooth))
+    model.effort.add(len(ext) * pass_effort(len(model.rows), len(z), sub, smooth, laws, w))
     loglik, end, cov, path, var = _filter(
         model.rows, model.wiring, z.copy(), covariance.copy(), n, ext, held, logged, model.noise, begin,
         model.study.interval, sub, acts, signals, 1e-5 * scale, intensity, len(model.inputs),
