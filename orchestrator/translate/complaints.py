@@ -21,6 +21,8 @@ class CompilerRefusal(BuildError):
 
 
 _STAGE = re.compile(r"^\s*(?:\w+ failed: \S+ failed in \w+: |\S+ could not be compiled: |- \S+ \[\w+\]: )")
+# Causes of one message that are shown; the compiler lists each file of a library whose folder it cannot read.
+_CAUSES = 3
 _SPOT = re.compile(r"\[([^\]\[]*?):(\d+):(\d+)\]")
 _BUILT_IN = (
     "der abs sign sqrt div mod rem ceil floor integer sin cos tan asin acos atan atan2 sinh cosh tanh exp "
@@ -466,8 +468,11 @@ def _of_line(sources: _Sources, line: str) -> list[str]:
 
 
 def _plain(line: str) -> str:
-    """A message without references to sections of the language specification."""
-    return re.sub(r" \(MLS §[^)]*\)|; MLS §.*", "", line)
+    """A message without references to sections of the language specification, and with its first causes."""
+    plain = re.sub(r" \(MLS §[^)]*\)|; MLS §.*", "", line)
+    causes = plain.split("; ")
+    more = len(causes) - _CAUSES
+    return plain if more < 2 else f"{'; '.join(causes[:_CAUSES])}; and {more} more"
 
 
 def _restored(sources: _Sources, spot: re.Match[str]) -> Location:

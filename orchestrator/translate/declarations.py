@@ -12,7 +12,7 @@ from orchestrator.base.errors import BuildError
 
 from .expressions import ExpressionReader, Json
 from .flat import Literal, Node, Reference, Role, Type, Variable, walk
-from .interpreter import evaluate
+from .interpreter import Value, evaluate
 from .node_arrays import element_name
 from .sources import Location
 
@@ -128,6 +128,24 @@ def _text(value: str | Sequence[str] | None, index: tuple[int, ...]) -> str:
     return value[index[0]]
 
 
+class _Defaults(dict[str, Value]):
+    """Values of scalar parameters and constants as declared, each evaluated when it is asked for."""
+
+    def __init__(self, flat: Json, expressions: ExpressionReader, where: Location) -> None:
+        super().__init__()
+        self._flat, self._expressions, self._where = flat, expressions, where
+
+    def __missing__(self, name: str) -> Value:
+        body = self._flat["variables"].get(name)
+        if body is None or body["dims"] or _keyword(body["variability"]) not in ("Parameter", "Constant"):
+            raise KeyError(name)
+        expression = body["binding"] or body["start"]
+        if expression is None:
+            raise KeyError(name)
+        self[name] = evaluate(self._expressions.read(expression, self._where)[()], self)
+        return self[name]
+
+
 class _VariableReader:
     def __init__(self, flat: Json, expressions: ExpressionReader, place: Callable[[Json], Location]) -> None:
         self._flat = flat
@@ -240,8 +258,9 @@ class _VariableReader:
             return None
         if isinstance(node, Literal):
             return float(node.value)
-        if any(isinstance(part, Reference) for part in walk(node)):
+        try:
+            return float(evaluate(node, _Defaults(self._flat, self._expressions, where)))
+        except KeyError:
             raise BuildError(
-                f"{where}: `{attribute}` of {name} has to be a number; it cannot depend on a variable"
-            )
-        return float(evaluate(node, {}))
+                f"{where}: `{attribute}` of {name} has to be a number; it may depend on parameters only"
+            ) from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import fmpy
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -117,7 +118,12 @@ def test_a_state_of_a_part_takes_a_law(tmp_path: Path) -> None:
     system = built(tmp_path, "Sled", NESTED)
     law = ModelOfLaw("law_1", DRAG, {"body.v": 1.0}, {"u": "body.v"})
     assert build_corrected(system, "Sled", [law], tmp_path) == ("Sled_corrected.fmu", "")
-    made = orc.run(tmp_path / "Sled_corrected.fmu", set={"run.stop_time": "4 s", "run.step_size": "10 ms"})
+    # Its variables have the names of the component's own.
+    settings = {"run.stop_time": "4 s", "run.step_size": "10 ms", "Sled_corrected.body.v": 2.0}
+    made = orc.run(tmp_path / "Sled_corrected.fmu", set=settings)
+    described = fmpy.read_model_description(str(tmp_path / "Sled_corrected.fmu"))
+    variables = {one.name for one in described.modelVariables}
+    assert {"body.v", "der(body.v)", "travel", "added_by_law_1.y"} <= variables
     found = solve_ivp(
         lambda t, x: [-0.1 * x[0] - 0.3 * x[0] * abs(x[0]), x[0]],
         (0.0, 4.0),

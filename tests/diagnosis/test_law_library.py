@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -33,6 +34,36 @@ def _bench() -> ModuleType:
 
 BENCH = _bench()
 QUICK = [one for one in BENCH.CASES if one.quick]
+
+
+@pytest.mark.parametrize("law", [one for one in library() if not one.unit], ids=lambda law: law.name)
+def test_units_of_a_law_are_those_of_its_equations(law: Law) -> None:
+    """In other units of signals, place and time, numbers in their units give the same."""
+    angle = any(one.name == "phase" for one in law.numbers) and law.name != "hum"
+    sizes = {"u": 1.0 if angle else 2.0, "w": 16.0, "v": 8.0, "s": 0.5, "rad": 1.0}
+    if law.reads == "own" or not any("w" in one.unit for one in law.numbers):
+        sizes["w"] = sizes["u"]
+    numbers = [0.7 + 0.4 * k for k in range(len(law.numbers))]
+
+    def scaled(unit: str) -> float:
+        text = re.sub(r"([a-z])(\d)", r"\1**\2", unit.replace(".", "*") if "^" not in unit else unit)
+        return float(eval(text.replace("^", "**"), {**sizes, "n": numbers[-1]}))
+
+    moved = [one * scaled(number.unit) for one, number in zip(numbers, law.numbers, strict=True)]
+    time = 0.25 * np.arange(40)
+    signals = np.column_stack([1.7 * np.sin(0.9 * time), 0.6 + 0.3 * np.cos(0.7 * time)])
+    width = 2 if law.second else 1
+    before = law.values(time, signals[:, :width], numbers, 0.25)
+    other = signals * [sizes["u"], sizes["u" if law.second == "any" else "v"]]
+    after = law.values(sizes["s"] * time, other[:, :width], moved, 0.25 * sizes["s"])
+    most = float(np.abs(before).max())  # near 0 some laws are rounded off
+    assert most > 0.0 and after == pytest.approx(sizes["w"] * before, rel=1e-9, abs=1e-6 * sizes["w"] * most)
+
+
+def test_radiation_is_that_of_a_black_area() -> None:
+    law = next(one for one in library() if one.name == "radiation")
+    watts = law.values(np.zeros(1), np.array([300.0]), [1.0, 0.0])
+    assert law.numbers[0].unit == "w/(W/m2)" and watts == pytest.approx(459.3, rel=1e-3)
 
 
 @pytest.mark.parametrize("law", library(), ids=lambda law: law.name)

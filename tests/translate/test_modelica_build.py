@@ -59,7 +59,7 @@ output Real late(unit="m");
 output Real lagging(unit="m");
 output Boolean above;
 output Integer count;
-output Real x(unit="m", start=0.5, fixed=true, nominal=10);
+output Real x(unit="m", start=0.5, fixed=true, nominal=if p > 1 then 5*p else 1);
 Real y(unit="m/s", start=q, fixed=true);
 Real w[2](each unit="m");
 equation

@@ -12,6 +12,8 @@ import pytest
 from orchestrator.base.errors import BuildError
 from orchestrator.cli.main import main
 from orchestrator.translate.build import build, translate
+from orchestrator.translate.complaints import explained
+from orchestrator.translate.sources import load_sources
 
 # Body of a model whose first line is line 2 of the file -> the message, {f} standing for the file.
 REFUSALS = {
@@ -244,3 +246,11 @@ def test_a_missing_model_is_reported_before_what_a_build_needs(tmp_path, monkeyp
     file, *more = arguments
     assert main(["build", str(tmp_path / file), *more]) == 1
     assert f"{tmp_path / file}: no such file; give the .mo or .py file" in capsys.readouterr().err
+
+
+def test_a_message_about_each_file_of_a_library_shows_the_first(tmp_path):
+    """So the compiler refuses the parts of a package that lacks its package.mo."""
+    (tmp_path / "M.mo").write_text("model M\nend M;\n")
+    causes = "; ".join(f"PKG-010 file 'P{k}.mo' has `within Parts;`" for k in range(9))
+    shown = explained(load_sources(tmp_path / "M.mo"), "M", f"Failed to load source root: {causes}")
+    assert shown.endswith("; and 6 more") and "P2.mo" in shown and "P3.mo" not in shown

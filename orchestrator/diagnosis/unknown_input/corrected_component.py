@@ -11,19 +11,20 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 from zipfile import ZipFile
 
 from ...base.atomic_files import write_text
 from ...base.errors import OrchestratorError
 from ...fmi import CompiledFmu
 from ...system.system import System
-from ...translate.build import build
+from ...translate.build import check_options, compiled, model_identifier, translate
 from ...translate.flat_text import quoted
-from ...translate.package import this_platform
+from ...translate.package import this_platform, write_fmu
 from ...translate.presentation import PROVENANCE, source_digest
 from ...translate.show import show_model
 
+# The name of a component's variable in a flat model, or of its derivative.
+_QUOTED = re.compile(r"""\bname="(der\()?'\w[\w.,\[\]]*'\)?\"""")
 _HEAD = re.compile(r"^(?:model|block|class) ([\w']+).*\n", re.MULTILINE)
 
 
@@ -84,11 +85,21 @@ def build_corrected(
         if not text:
             return "", f"the flat form of {source[0].name} has no such derivative."
         write_text(model, text)
-        version: Any = fmu.description.fmi_version
-        build(model, folder / f"{name}.fmu", model=name, platforms=[this_platform()], fmi_version=version)
+        _build(model, folder / f"{name}.fmu", fmu.description.fmi_version)
     except (OrchestratorError, ImportError) as error:
         return "", f"the FMU of {model.name} could not be built: {str(error).splitlines()[0]}"
     return f"{name}.fmu", ""
+
+
+def _build(model: Path, fmu: Path, version: str) -> None:
+    """Build a flat model, whose variables get the names that they have in the model with components."""
+    members, report = translate(model, fmi_version=version, model=model.stem)
+    description = members["modelDescription.xml"].decode()
+    members["modelDescription.xml"] = _QUOTED.sub(
+        lambda found: found[0].replace("'", ""), description
+    ).encode()
+    checked, platforms = check_options(version, [this_platform()])
+    write_fmu(fmu, members | compiled(members, model_identifier(report.model), checked, platforms))
 
 
 def _changed(text: str, name: str, laws: Sequence[ModelOfLaw]) -> str:
