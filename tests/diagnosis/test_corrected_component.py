@@ -134,11 +134,37 @@ def test_a_state_of_a_part_takes_a_law(tmp_path: Path) -> None:
     assert made["Sled_corrected.travel"].values[-1] == pytest.approx(found.y[1, -1], rel=1e-6)
 
 
+PUSHED = """model Pushed "A sled that is pushed"
+  input Real push(start=1.5);
+  output Real travel(start=0, fixed=true);
+  Real felt "What push does";
+protected
+  Real v(start=0, fixed=true);
+equation
+  felt = push/2;
+  der(travel) = v;
+  der(v) = felt - 0.1*v;
+end Pushed;
+"""
+
+
+def test_an_input_takes_a_law_of_what_is_inside(tmp_path: Path) -> None:
+    system = built(tmp_path, "Pushed", PUSHED)
+    law = ModelOfLaw("law_1", DRAG, {}, {"u": "v"}, "push")
+    assert build_corrected(system, "Pushed", [law], tmp_path) == ("Pushed_corrected.fmu", "")
+    made = orc.run(tmp_path / "Pushed_corrected.fmu", set={"run.stop_time": "4 s", "run.step_size": "10 ms"})
+    found = solve_ivp(
+        lambda t, x: [x[1], 0.5 * (1.5 - 0.3 * x[1] * abs(x[1])) - 0.1 * x[1]],
+        (0.0, 4.0), [0.0, 0.0], rtol=1e-10, atol=1e-12,
+    )  # fmt: skip
+    assert made["Pushed_corrected.travel"].values[-1] == pytest.approx(found.y[0, -1], rel=1e-6)
+
+
 def test_what_prevents_a_corrected_component_is_named(tmp_path: Path) -> None:
     system = built(tmp_path, "Swing", SWING)
     law = ModelOfLaw("law_1", DRAG, {"torque": 1.0}, {"u": "speed"})
     said = build_corrected(system, "Swing", [law], tmp_path)[1]
-    assert said == "the flat form of Swing.mo has no such derivative."
+    assert said == "the flat form of Swing.mo has no such derivative or input."
     (tmp_path / "Swing.mo").write_text(SWING.replace("20;", "21;"), encoding="utf-8")
     said = build_corrected(system, "Swing", [law], tmp_path)[1]
     assert said.startswith(

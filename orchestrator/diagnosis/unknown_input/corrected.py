@@ -54,14 +54,27 @@ def write_corrected(study: PortStudy, found: Answer, folder: Path) -> list[str]:
                 shares = {state.variable: -1.0, Port.of(law.second).variable: law.place.ratio}
             inside.setdefault(state.instance, []).append(ModelOfLaw(name, text, shares, reads))
             continue
-        problem = _put(study, data, connections, law, name) or _built(text, name, folder)
+        ports = [Port.of(one) for one in (law.place.name, law.signal, law.second) if one]
+        problem = _put(study, data, connections, law, name)
+        own = len({one.instance for one in ports}) == 1 and law.signal != law.place.name
+        if problem and own and law.place.kind is Kinds.INPUT:
+            # What it reads is inside the component, and so may the law be.
+            reads = {key: one.variable for key, one in zip("uv", ports[1:], strict=False)}
+            made = ModelOfLaw(name, text, {}, reads, ports[0].variable)
+            inside.setdefault(ports[0].instance, []).append(made)
+            continue
+        problem = problem or _built(text, name, folder)
         if problem:
             return [f"{law.name} is not in corrected.yaml: {problem}"]
     for instance, models in inside.items():
         path, problem = build_corrected(study.prepared.system, instance, models, folder)
         if problem:
             names = ", ".join(
-                f"{one.name} at der({instance}.{state})" for one in models for state in one.shares
+                f"{one.name} at {place}"
+                for one in models
+                for place in (
+                    [f"der({instance}.{state})" for state in one.shares] or [f"{instance}.{one.input}"]
+                )
             )
             return [f"corrected.yaml is not written: a law acts inside a component, {names}; {problem}"]
         data["instances"][instance]["fmu"] = path

@@ -1,7 +1,7 @@
-"""A component with laws at derivatives of its states, as a Modelica model and an FMU.
+"""A component with laws inside it, as a Modelica model and an FMU.
 
 The model is the flat form of the one that the FMU was built from. There each derivative that a law changes is
-the law's value larger than the equations say.
+the law's value larger than the equations say, and each input is larger by it where equations read it.
 """
 
 from __future__ import annotations
@@ -30,18 +30,20 @@ _HEAD = re.compile(r"^(?:model|block|class) ([\w']+).*\n", re.MULTILINE)
 
 @dataclass(frozen=True)
 class ModelOfLaw:
-    """A law at the derivatives of states.
+    """A law at the derivatives of states, or at an input.
 
     Attributes:
         name, text: of its Modelica model, whose output is y.
         shares: what of its output is added to the derivative of each state.
         reads: the component's variable for each of the model's inputs.
+        input: of the component, to which the output is added; "" for none.
     """
 
     name: str
     text: str
     shares: Mapping[str, float]
     reads: Mapping[str, str]
+    input: str = ""
 
 
 def source_of(fmu: Path) -> tuple[Path, str] | str:
@@ -83,7 +85,7 @@ def build_corrected(
     try:
         text = _changed(show_model(source[0], "flat", model=source[1]), name, laws)
         if not text:
-            return "", f"the flat form of {source[0].name} has no such derivative."
+            return "", f"the flat form of {source[0].name} has no such derivative or input."
         write_text(model, text)
         _build(model, folder / f"{name}.fmu", fmu.description.fmi_version)
     except (OrchestratorError, ImportError) as error:
@@ -103,7 +105,7 @@ def _build(model: Path, fmu: Path, version: str) -> None:
 
 
 def _changed(text: str, name: str, laws: Sequence[ModelOfLaw]) -> str:
-    """The flat model with laws, under another name; empty if it has no such derivative."""
+    """The flat model with laws, under another name; empty if it has no such derivative or input."""
     heads = list(_HEAD.finditer(text))
     if not heads:
         return ""
@@ -118,6 +120,10 @@ def _changed(text: str, name: str, laws: Sequence[ModelOfLaw]) -> str:
                 return ""
             added = f"{one}.y" if share == 1.0 else f"({share!r})*{one}.y"
             body = body.replace(derivative, f"({derivative} - {added})")
+        if law.input:
+            before_it, body = body, _larger(body, _spelled(law.input), f"{one}.y")
+            if body == before_it:
+                return ""
         declared += f"  {law.name} {one};\n"
         equations += "".join(f"  {one}.{port} = {_spelled(read)};\n" for port, read in law.reads.items())
         before += law.text + "\n"
@@ -125,6 +131,20 @@ def _changed(text: str, name: str, laws: Sequence[ModelOfLaw]) -> str:
         rf"^end {re.escape(head[1])};", f"equation\n{equations}end {name};", body, flags=re.MULTILINE
     )
     return f"{before}{head[0].replace(head[1], name, 1)}{declared}{body}"
+
+
+def _larger(body: str, port: str, added: str) -> str:
+    """A flat model's text, where all that reads an input reads it with what is added."""
+    reading = re.compile(rf"(?<![\w.']){re.escape(port)}(?![\w.'])")
+    own = re.compile(rf"^\s*input \w+ {re.escape(port)}\b")
+
+    def changed(line: str) -> str:
+        # What stands between double quotes is text.
+        parts = re.split(r'("(?:[^"\\]|\\.)*")', line)
+        parts[::2] = [reading.sub(f"({port} + {added})", one) for one in parts[::2]]
+        return line if own.match(line) else "".join(parts)
+
+    return "\n".join(map(changed, body.split("\n")))
 
 
 def _spelled(name: str) -> str:
