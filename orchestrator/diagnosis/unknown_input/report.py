@@ -89,23 +89,23 @@ def data_of(found: Answer) -> dict[str, Any]:
 
 def headline(found: Answer) -> str:
     """The answer in one sentence."""
+    chance, whole = 100 * found.probability, 100 * _family(found)
+    chances = f"probability {chance:.0f} %"
     if found.verdict == "none" and found.calibrated > 2.0:
-        return f"no law is missing that the library holds; {found.calibrated:.3g} times the noise remains"
+        left = f"{found.calibrated:.3g} times the noise remains, and no law of the library explains it"
+        return f"nothing that can be named is missing ({chances}); {left}"
     if found.verdict == "none":
-        return "nothing is missing beyond the calibrated parameters and the start states"
+        return f"nothing is missing beyond the calibrated parameters and the start states ({chances})"
     if found.verdict == "outside":
         where = f", near {found.places[0].place.name}" if found.places else ""
         nearest = " + ".join(one.name for one in found.fitted.laws) if found.fitted else ""
-        return f"something is missing that the library does not hold{where}" + (
+        return f"something is missing that the library does not hold{where} ({chances})" + (
             f"; the nearest laws are {nearest}" if nearest else ""
         )
     assert found.fitted is not None
     laws = " + ".join(one.name for one in found.fitted.laws)
-    chance, whole = 100 * found.probability, 100 * _family(found)
     families = " and ".join(dict.fromkeys(one.law.family for one in found.fitted.laws))
-    chances = f"probability {chance:.0f} %" + (
-        f"; {families} in any form: {whole:.0f} %" if whole > chance + 1 else ""
-    )
+    chances += f"; {families} in any form: {whole:.0f} %" if whole > chance + 1 else ""
     return f"{laws} ({chances}); it closes {100 * found.closed:.0f} % of the gap on {judged_on(found)}"
 
 
