@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,10 +102,18 @@ class _Left:
 
 
 class _Begin(_Left):
-    """Residuals at fitted numbers, of all runs and of one, by default the one with the largest."""
+    """Residuals at fitted numbers, of all runs and of one, by default the one with the largest.
 
-    def __init__(self, replays: Replays, constants: Array, worst: int | None = None) -> None:
-        self.replays, self.constants = replays, constants
+    Attributes:
+        small: predicted responses to laws in proportion to their amplitude; None if nothing is predicted.
+    """
+
+    def __init__(
+        self, runs: Runs, laws: Sequence[Inserted], places: Sequence[Place], constants: Array,
+        starts: Sequence[Array], worst: int | None = None,
+    ) -> None:  # fmt: skip
+        self.runs, self.laws, self.constants = runs, laws, constants
+        self.replays = replays = Replays(runs, laws, SAMPLES, starts)
         self.residual = replays.residual(constants)
         own = replays.sensitivity(constants)
         self.free = _basis(own)
@@ -118,6 +125,120 @@ class _Begin(_Left):
         self.worst = int(np.argmax(powers)) if worst is None else worst
         self.part = slice(ends[self.worst], ends[self.worst + 1])
         self.there = _Left(weight, self.residual[self.part], own[self.part], prior, away)
+        self.small = (
+            Responses(runs, laws, constants, replays.starts, SAMPLES, places) if runs.model.filters else None
+        )
+
+    def promising(self, one: Candidate) -> list[Array]:
+        """Numbers where a law is tried: of many, those that are predicted to leave least."""
+        starts = [np.array(start) for start in starts_of(one, self.runs)]
+        if self.small is None or one.law.linear:
+            return starts
+        found = []
+        for numbers in starts:
+            change = self.change(self._predicted(self.small, one, numbers))
+            if self.shown(change):
+                found.append((float(change @ (2.0 * self.left + change)), numbers))
+        return [numbers for _, numbers in sorted(found, key=lambda each: each[0])[:_STARTS]]
+
+    def best_of(
+        self, one: Candidate, late: bool, simulated: Callable[[Array, _Begin], Array | None]
+    ) -> tuple[Candidate, Array] | None:
+        """A law with the numbers that explain most, and what it changes; None if it explains nothing.
+
+        Args:
+            simulated: what a law with numbers changes in the residuals; None if too little.
+        """
+        best, most = None, -np.inf
+        for numbers in self.promising(one):
+            if one.law.linear:
+                typical = self._typical(one, numbers)
+                if not typical > 0.0:
+                    continue
+                numbers[0] *= _SMALL * self.runs.spread_at(one.place) / typical
+            # A law that is tried late is tried again with the amplitude that this gives.
+            for again in range(1 + late):
+                if self.small is not None and one.law.linear and not again:
+                    change = self._predicted(self.small, one, numbers)
+                else:
+                    made = simulated(numbers, self)
+                    if made is None:
+                        break
+                    change = made
+                beside = self._beside_parameters(change)
+                if beside is None:
+                    break
+                change = beside
+                power = float(change @ change)
+                if power <= 1e-20 * self.whole:
+                    break
+                factor = -float(change @ self.left) / power
+                if not one.law.linear and not 0.1 < factor < 10.0:
+                    break
+                share = float(change @ self.left) ** 2 / power / self.whole
+                if one.law.linear:
+                    numbers[0] *= factor
+                # Where the first number is no factor, a fit begins where it is nearest, in small steps.
+                gained = share if one.law.linear else -(2.0 * float(change @ self.left) + power) / self.whole
+                if best is None or gained > most:
+                    candidate = replace(one, numbers=tuple(numbers.tolist()), share=share)
+                    best, most = (candidate, -change / np.sqrt(power)), gained
+                if not one.law.linear or share < _FAINT:
+                    break
+        return best
+
+    def _predicted(self, small: Responses, one: Candidate, numbers: Array) -> Array:
+        return np.where(self.followed, small.of(one, numbers), 0.0)
+
+    def _typical(self, one: Candidate, numbers: Array) -> float:
+        runs, read = self.runs, list(one.inserted.signals)
+        middles = 0.5 * (runs.low + runs.high)[read]
+        return one.law.typical(middles, runs.spread[read], numbers, runs.model.study.interval, runs.length)
+
+    def _beside_parameters(self, change: Array) -> Array | None:
+        """A law's change beside what parameters and start states change; None if these change it as well."""
+        before, beside = float(change @ change), change - self.free @ (self.free.T @ change)
+        if not np.isfinite(before) or float(beside @ beside) <= 1e-6 * before:
+            return None
+        return self.change(change)
+
+
+class _Simulations:
+    """Simulations of one law from several begins.
+
+    Where the master simulates the system, every law takes simulations. So the worst run comes first, alone,
+    and the first begin decides whether a law is worth simulations at another one.
+    """
+
+    def __init__(self, begins: Sequence[_Begin], one: Candidate) -> None:
+        self._begins = begins
+        self._with_law = {
+            id(each): Replays(each.runs, [*each.laws, one.inserted], SAMPLES, each.replays.starts)
+            for each in begins
+        }
+        self._known: dict[tuple[float, ...], Array] = {}
+
+    def __call__(self, numbers: Array, at: _Begin) -> Array | None:
+        """What the law changes in the residuals at a begin; None if it is not worth a simulation there."""
+        first = self._begins[0]
+        if at.runs.model.filters:
+            return self._everywhere(numbers, at)
+        key = tuple(numbers.tolist())
+        if key not in self._known:
+            constants = np.concatenate([first.constants, numbers])
+            start = first.replays.starts[first.worst]
+            run = self._with_law[id(first)].left(first.worst, start, constants)
+            self._known[key] = run - first.residual[first.part]
+        if len(self._known[key]) < len(first.residual):
+            if not any(begin.there.shown(begin.there.change(self._known[key])) for begin in self._begins):
+                return None
+            self._known[key] = self._everywhere(numbers, first)
+        other = at is not first and at.shown(at.change(self._known[key]), _FAINT)
+        return self._everywhere(numbers, at) if other else self._known[key]
+
+    def _everywhere(self, numbers: Array, at: _Begin) -> Array:
+        constants = np.concatenate([at.constants, numbers])
+        return self._with_law[id(at)].residual(constants) - at.residual
 
 
 def scored(
@@ -133,116 +254,20 @@ def scored(
     begun: list[_Begin] = []
     for constants, starts in begins:
         worst = begun[0].worst if begun else None
-        begun.append(_Begin(Replays(runs, laws, SAMPLES, starts), constants, worst))
-    first = begun[0]
+        begun.append(_Begin(runs, laws, places, constants, starts, worst))
 
-    def predicted(at: _Begin) -> Responses | None:
-        if not runs.model.filters:
-            return None
-        return Responses(runs, laws, at.constants, at.replays.starts, SAMPLES, places)
-
-    small = [predicted(one) for one in begun]
-
-    def promising(one: Candidate, at: _Begin, small: Responses | None) -> list[Array]:
-        """Numbers where a law is tried: of many, those that are predicted to leave least."""
-        starts = [np.array(start) for start in starts_of(one, runs)]
-        if small is None or one.law.linear:
-            return starts
-        found = []
-        for numbers in starts:
-            change = at.change(np.where(at.followed, small.of(one, numbers), 0.0))
-            if at.shown(change):
-                found.append((float(change @ (2.0 * at.left + change)), numbers))
-        return [numbers for _, numbers in sorted(found, key=lambda each: each[0])[:_STARTS]]
-
-    def best_at(
-        one: Candidate,
-        at: _Begin,
-        small: Responses | None,
-        simulated: Callable[[Array, _Begin], Array | None],
-    ) -> tuple[Candidate, Array] | None:
-        """A law with the numbers that explain most, and what it changes; None if it explains nothing."""
-        law, best = one.law, None
-        most_gained = -np.inf
-        for numbers in promising(one, at, small):
-            if law.linear:
-                read = list(one.inserted.signals)
-                typical = law.typical(
-                    0.5 * (runs.low + runs.high)[read], runs.spread[read], numbers,
-                    runs.model.study.interval, runs.length,
-                )  # fmt: skip
-                if not typical > 0.0:
-                    continue
-                numbers[0] *= _SMALL * runs.spread_at(one.place) / typical
-            # A law that is tried late is tried again with the amplitude that this gives.
-            for again in range(1 + late):
-                if small is not None and law.linear and not again:
-                    change = np.where(at.followed, small.of(one, numbers), 0.0)
-                else:
-                    made = simulated(numbers, at)
-                    if made is None:
-                        break
-                    change = made
-                before, beside = float(change @ change), change - at.free @ (at.free.T @ change)
-                # What parameters and start states change as well is no other law.
-                if not np.isfinite(before) or float(beside @ beside) <= 1e-6 * before:
-                    break
-                change = at.change(change)
-                power = float(change @ change)
-                if power <= 1e-20 * at.whole:
-                    break
-                factor = -float(change @ at.left) / power
-                if not law.linear and not 0.1 < factor < 10.0:
-                    break
-                share = float(change @ at.left) ** 2 / power / at.whole
-                if law.linear:
-                    numbers[0] *= factor
-                # Where the first number is no factor, a fit begins where it is nearest, in small steps.
-                gained = share if law.linear else -(2.0 * float(change @ at.left) + power) / at.whole
-                if best is None or gained > most_gained:
-                    candidate = replace(one, numbers=tuple(numbers.tolist()), share=share)
-                    best, most_gained = (candidate, -change / np.sqrt(power)), gained
-                if not law.linear or share < _FAINT:
-                    break
-        return best
-
-    def changed(place: Place, candidates: Sequence[Candidate]) -> list[list[tuple[Candidate, Array]]]:
-        """Laws at a place that change the residual, and what they change, of each begin."""
+    def changed(candidates: Sequence[Candidate]) -> list[list[tuple[Candidate, Array]]]:
+        """Laws that change the residual, and what they change, of each begin."""
         found: list[list[tuple[Candidate, Array]]] = [[] for _ in begun]
         for one in candidates:
-            known: dict[tuple[float, ...], Array] = {}
-            with_law = [Replays(runs, [*laws, one.inserted], SAMPLES, each.replays.starts) for each in begun]
-
-            def simulated(numbers: Array, at: _Begin, known: Any = known, with_law: Any = with_law) -> Any:
-                def everywhere(begin: _Begin) -> Any:
-                    constants = np.concatenate([begin.constants, numbers])
-                    return with_law[begun.index(begin)].residual(constants) - begin.residual
-
-                if runs.model.filters:
-                    return everywhere(at)
-                # Every law takes simulations here. So the worst run comes first, alone, and the first begin
-                # decides whether a law is worth simulations at another one.
-                key = tuple(numbers.tolist())
-                if key not in known:
-                    constants = np.concatenate([first.constants, numbers])
-                    run = with_law[0].left(first.worst, first.replays.starts[first.worst], constants)
-                    known[key] = run - first.residual[first.part]
-                if len(known[key]) < len(first.residual):
-                    if not any(begin.there.shown(begin.there.change(known[key])) for begin in begun):
-                        return None
-                    known[key] = everywhere(first)
-                other = at is not first and at.shown(at.change(known[key]), _FAINT)
-                return everywhere(at) if other else known[key]
-
-            for at, each, some in zip(begun, small, found, strict=True):
-                best = best_at(one, at, each, simulated)
-                if best is not None:
+            simulated = _Simulations(begun, one)
+            for at, some in zip(begun, found, strict=True):
+                if (best := at.best_of(one, late, simulated)) is not None:
                     some.append(best)
         return found
 
     # Laws are compiled here, so that no copy of the process has to.
-    tasks = [partial(changed, place, readable(runs.model, place, late)) for place in places]
-    made = in_parallel(tasks)
+    made = in_parallel([partial(changed, readable(runs.model, place, late)) for place in places])
     logged = {str(port) for port in (*runs.model.fed, *runs.model.compared)}
     return [
         _ranked([each for some in made for each in some[k]], one.left, most, logged)
