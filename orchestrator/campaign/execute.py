@@ -24,6 +24,7 @@ from ..results.recorders import Results
 from ..simulation.native.choice import obstacle
 from ..simulation.run import Prepared, prepare, run
 from ..simulation.run_result import RunResult
+from ..system.instance_pool import InstancePool
 from ..system.system import Instance
 from .axes import as_text
 from .derived import Derived
@@ -158,11 +159,13 @@ class Context:
                 _Everything(made.measures, self._derived),
                 SimpleNamespace(),  # type: ignore[arg-type]
             )
-            found = replace(made, measures=(everything,))
+            found = replace(made, measures=(everything,), pool=InstancePool())
             for one in found.system.instances:
                 self._hold(one)
             while len(self._ready) >= _KEPT:
-                del self._ready[next(iter(self._ready))]
+                oldest = self._ready.pop(next(iter(self._ready)))
+                if oldest.pool is not None:
+                    oldest.pool.close()
             self._ready[others] = found
         return found
 

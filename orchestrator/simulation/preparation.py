@@ -15,6 +15,7 @@ from ..master import MasterAlgorithm, create_master
 from ..results.measures import ChosenMeasure, check_measures, measure_names
 from ..system import checks
 from ..system.assembly import CheckedSystem, check_system
+from ..system.instance_pool import InstancePool
 from ..system.system import System
 from .grid import Grid, time_problems
 
@@ -24,13 +25,18 @@ _MANY_STEPS = 10_000_000
 
 @dataclass(frozen=True)
 class Prepared:
-    """A config that is known to run: everything that can be checked beforehand is."""
+    """A config that is known to run: everything that can be checked beforehand is.
+
+    Attributes:
+        pool: of instances, where many runs follow each other.
+    """
 
     config: Config
     system: System
     master: MasterAlgorithm
     grid: Grid
     measures: tuple[ChosenMeasure, ...]
+    pool: InstancePool | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -161,6 +161,7 @@ def _run_once(
             loop=model.run.loop,
             ledger=ledger,
             pace=pace,
+            pool=prepared.pool,
         )
     except OrchestratorError as raised:
         error = raised

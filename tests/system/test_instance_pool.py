@@ -11,7 +11,7 @@ from orchestrator.base.errors import StepError
 from orchestrator.master.running_instances import instantiate
 from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import prepare
-from orchestrator.system.instance_pool import InstancePool
+from orchestrator.system.instance_pool import InstancePool, resets_well
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +66,25 @@ def test_instances_are_loaded_once_and_freed_in_the_end(drive, monkeypatch):
     assert not freed
     pool.close()
     assert set(map(id, made)) >= set(map(id, freed)) and len(freed) >= len(drive.system.instances)
+
+
+def test_instances_of_other_tools_are_loaded_for_each_run(drive, monkeypatch):
+    """What their reset leaves behind is unknown."""
+    made, freed = [], []
+    kind = type(drive.system.instances[0].fmu)
+    instance = kind.instantiate
+    monkeypatch.setattr(kind, "instantiate", lambda fmu, name: made.append(instance(fmu, name)) or made[-1])
+    for one in {id(each.fmu): each.fmu for each in drive.system.instances}.values():
+        assert resets_well(one)
+        monkeypatch.setattr(one, "description", replace(one.description, tool="another"))
+        assert not resets_well(one)
+    pool = InstancePool()
+    fresh = signals(drive, pool)
+    assert np.array_equal(signals(drive, pool), fresh) and len(made) == 2 * len(drive.system.instances)
+    for one in made:
+        monkeypatch.setattr(one, "free", lambda one=one, free=one.free: freed.append(one) or free())
+    pool.close()
+    assert not freed  # the runs did it
 
 
 def test_what_a_failed_run_held_is_as_new_or_freed(drive):

@@ -21,15 +21,12 @@ from ...master.gauss_seidel import GaussSeidel
 from ...simulation.grid import Grid
 from ...simulation.loop import Report, simulate
 from ...system.connection import Connection, Leg, Link, Port, Wire
-from ...system.instance_pool import InstancePool
+from ...system.instance_pool import InstancePool, resets_well
 from ...system.signal_vector import Layout, Signals, Wired
 from ...system.system import Instance, System
 from .idle import without_idle
 from .playback import Playback
 from .study import Array
-
-# Tool that made an FMU, by its model description.
-_OWN = "orchestrator"
 
 
 @dataclass(frozen=True)
@@ -80,7 +77,7 @@ class Player:
         self.fed, self.compared = tuple(fed), tuple(compared)
         self._master = master
         fmus = {id(one.fmu): one.fmu for one in system.instances}.values()
-        self.parallel = all(isinstance(one, CompiledFmu) and one.description.tool == _OWN for one in fmus)
+        self.parallel = all(map(resets_well, fmus))
         for fmu in fmus:
             if isinstance(fmu, CompiledFmu):
                 # Many short runs: unpacked once.
