@@ -119,9 +119,9 @@ def test_drag_acts_on_a_mass_that_a_rotor_lifts(fmus: Path) -> None:
     with StateModel(load_port_study(path)) as model:
         laws = {one.name: {each.law.name for each in readable(model, one)} for one in model.places()}
         sensors = [one for one in model.places() if one.name == "craft.altitude"]
-        late = [each for one in sensors for each in readable(model, one, late=True)]
+        rare = [each for one in sensors for each in readable(model, one, rare=True)]
     assert {"quadratic drag", "coulomb"} <= laws["der(craft.climb)"]
-    talk = {one.signal for one in late if one.law.name == "cross-talk"}
+    talk = {one.signal for one in rare if one.law.name == "cross-talk"}
     assert talk and "craft.altitude" not in talk
     assert not laws["der(craft.rotor)"] and "overflow" not in laws["der(craft.altitude)"]
 

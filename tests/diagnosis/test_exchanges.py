@@ -249,7 +249,7 @@ def test_radiation_counts_from_absolute_zero() -> None:
 
 def test_a_law_takes_the_place_of_a_parameter_far_from_its_value() -> None:
     law = SimpleNamespace(
-        law=SimpleNamespace(family="exchange", late=False, delay=False, states=0),
+        law=SimpleNamespace(family="exchange", rare=False, delay=False, states=0),
         place=SimpleNamespace(component=0),
     )
     none, one = (

@@ -397,7 +397,7 @@ def test_laws_of_a_family_begin_with_the_numbers_that_they_share(fmus: Path) -> 
     model = StateModel(load_port_study(logged(fmus, lambda x, v: 0.0)))
     runs = Runs(model, model.study.of(Role.TRAIN))
     places = model.places()
-    every = [one for place in places for late in (False, True) for one in readable(model, place, late)]
+    every = [one for place in places for rare in (False, True) for one in readable(model, place, rare)]
 
     def begun(law: str, other: str, numbers: list[float]) -> set[tuple[float, ...]]:
         (one, *_) = [each for each in every if each.law.name == law]
@@ -531,7 +531,7 @@ def test_what_small_laws_change_is_predicted_without_simulation(fmus: Path, held
         runs, places = Runs(model, study.of(Role.TRAIN)), model.places()
         starts = [each[3] for each in runs.data]
         responses = Responses(runs, [], model.nominal, starts, 200, places)
-        every = [one for place in places for late in (False, True) for one in readable(model, place, late)]
+        every = [one for place in places for rare in (False, True) for one in readable(model, place, rare)]
         for one in [one for one in every if one.law.linear]:
             replays = Replays(runs, [one.inserted], 200, starts)
             for begin in starts_of(one, runs):

@@ -35,7 +35,7 @@ def choose_answer(search: Search, weighed: Sequence[Weighed]) -> int:
 
     A second law must halve what the best single one leaves, if that is twice the noise or more, or bring
     parameters back to their tolerances. An answer that moves a parameter beyond its tolerance must halve what
-    the best one leaves that does not. A law that is tried late must close as much of what the others leave as
+    the best one leaves that does not. A rare law must close as much of what the others leave as
     any law in its place. A law must halve what one with fewer numbers and states leaves, of its family at its
     component.
     """
@@ -56,7 +56,7 @@ def choose_answer(search: Search, weighed: Sequence[Weighed]) -> int:
         ]  # fmt: skip
         if not ranked:
             continue
-        usual = [k for k in ranked if not any(law.law.late for law in weighed[k].fitted.laws)]
+        usual = [k for k in ranked if not any(law.law.rare for law in weighed[k].fitted.laws)]
         share = _SECOND_CLOSES if count == 2 else _FIRST_CLOSES
         if usual and closed_share(usual[0], ranked[0]) <= share:
             ranked = usual

@@ -121,11 +121,11 @@ def _dimension(model: StateModel, place: Place) -> str:
     return found
 
 
-def readable(model: StateModel, place: Place, late: bool = False) -> list[Candidate]:
+def readable(model: StateModel, place: Place, rare: bool = False) -> list[Candidate]:
     """Laws that can act at a place, each with the signals there that it reads.
 
     Args:
-        late: the laws that are tried late, and not the others.
+        rare: rare laws, and not the others.
     """
     own, what = _own(model, place), _dimension(model, place)
     signals = model.signals_of(place)
@@ -135,7 +135,7 @@ def readable(model: StateModel, place: Place, late: bool = False) -> list[Candid
     joins = what in _JOINS and not logged
     found = []
     for law in library():
-        if law.late is not late or int(place.kind) not in (law.kinds or _USUAL):
+        if law.rare is not rare or int(place.kind) not in (law.kinds or _USUAL):
             continue
         if law.second and not model.filters:
             continue  # a system that is replayed by its master reads one signal
@@ -239,7 +239,7 @@ def _sensors(model: StateModel, runs: Runs) -> list[Candidate]:
         for place in model.places()
         if place.kind is Kinds.OUTPUT and place.index in outputs
         for law in library()
-        if law.states and 3 in law.kinds and law.reads == "own" and not law.late
+        if law.states and 3 in law.kinds and law.reads == "own" and not law.rare
         for one in [_candidate(law, place, place.name, (nx + nu + place.index,))]
         for start in starts_of(one, runs)
     ]

@@ -142,7 +142,7 @@ class _Begin(_Left):
         return [numbers for _, numbers in sorted(found, key=lambda each: each[0])[:_STARTS]]
 
     def best_of(
-        self, one: Candidate, late: bool, simulated: Callable[[Array, _Begin], Array | None]
+        self, one: Candidate, rare: bool, simulated: Callable[[Array, _Begin], Array | None]
     ) -> tuple[Candidate, Array] | None:
         """A law with the numbers that explain most, and what it changes; None if it explains nothing.
 
@@ -156,8 +156,8 @@ class _Begin(_Left):
                 if not typical > 0.0:
                     continue
                 numbers[0] *= _SMALL * self.runs.spread_at(one.place) / typical
-            # A law that is tried late is tried again with the amplitude that this gives.
-            for again in range(1 + late):
+            # A rare law is tried again with the amplitude that this gives.
+            for again in range(1 + rare):
                 if self.small is not None and one.law.linear and not again:
                     change = self._predicted(self.small, one, numbers)
                 else:
@@ -243,13 +243,13 @@ class _Simulations:
 
 def scored(
     runs: Runs, places: Sequence[Place], laws: Sequence[Inserted],
-    begins: Sequence[tuple[Array, Sequence[Array]]], most: int = 40, late: bool = False,
+    begins: Sequence[tuple[Array, Sequence[Array]]], most: int = 40, rare: bool = False,
 ) -> list[Scores]:  # fmt: skip
     """The laws that explain most of the residuals at each begin, best first.
 
     Args:
         laws: inserted already. begins: parameters, then their numbers, as fitted, and start states.
-        late: the laws that are tried late, and not the others.
+        rare: rare laws, and not the others.
     """
     begun: list[_Begin] = []
     for constants, starts in begins:
@@ -262,12 +262,12 @@ def scored(
         for one in candidates:
             simulated = _Simulations(begun, one)
             for at, some in zip(begun, found, strict=True):
-                if (best := at.best_of(one, late, simulated)) is not None:
+                if (best := at.best_of(one, rare, simulated)) is not None:
                     some.append(best)
         return found
 
     # Laws are compiled here, so that no copy of the process has to.
-    made = in_parallel([partial(changed, readable(runs.model, place, late)) for place in places])
+    made = in_parallel([partial(changed, readable(runs.model, place, rare)) for place in places])
     logged = {str(port) for port in (*runs.model.fed, *runs.model.compared)}
     return [
         _ranked([each for some in made for each in some[k]], one.left, most, logged)

@@ -22,8 +22,8 @@ from .score import Scores, scored
 Array = NDArray[np.float64]
 # Laws that are fitted by a few steps, how often the same one, and of these those that are fitted to the end.
 _TRIED, _EACH, _KEPT = 12, 2, 3
-# Laws that are tried late, and fitted to the end.
-_LATE, _LATE_KEPT = 8, 1
+# Rare laws that are tried, and fitted to the end.
+_RARE_TRIED, _RARE_KEPT = 8, 1
 # A part of a system is explained where this much of the noise is left, and it forgets itself within so many
 # samples.
 _EXPLAINED, _WHITE = 1.1, 2.0
@@ -91,11 +91,11 @@ class Search(Fits):
                 found += stage(found)
         return found
 
-    def scores(self, *beside: Fit, late: bool = False) -> list[Scores]:
+    def scores(self, *beside: Fit, rare: bool = False) -> list[Scores]:
         """Laws beside the same ones that are fitted, from each begin."""
         laws = [one.inserted for one in beside[0].laws]
         begins = [(one.polished.constants, one.polished.starts) for one in beside]
-        found = scored(self.runs, self.places, laws, begins, late=late)
+        found = scored(self.runs, self.places, laws, begins, rare=rare)
         for made in found:
             # What acts the same beside no law counts first: beside others, other signals are read.
             for one, twins in zip(made.candidates, made.twins, strict=True):
@@ -124,9 +124,9 @@ class Search(Fits):
         if self.explained(found) or not self.allowed("rarer laws"):
             return []
         self.progress("rarer laws")
-        late = self.scores(*self.begins, late=True)
-        self._scores = [one.joined(two) for one, two in zip(self._scores, late, strict=True)]
-        rare = self.finish(self._from_begins(late, partial(_singly, most=_LATE, each=1)), _LATE_KEPT)
+        scores = self.scores(*self.begins, rare=True)
+        self._scores = [one.joined(two) for one, two in zip(self._scores, scores, strict=True)]
+        rare = self.finish(self._from_begins(scores, partial(_singly, most=_RARE_TRIED, each=1)), _RARE_KEPT)
         self._singles = best_of_each([*self._singles, *rare])
         return rare
 
@@ -158,7 +158,7 @@ class Search(Fits):
                 found += self.fit_beside([[two] for two in more if two.law.states == 0][:_BESIDE], one)
         for one in best[:_RARE]:
             if not self.explained(found) and self.allowed("pairs with rarer laws"):
-                rare = self.scores(one, late=True)[0].candidates
+                rare = self.scores(one, rare=True)[0].candidates
                 found += self.fit_beside([[two] for two in spread_out(rare, _BESIDE, 1)], one)
         return found
 

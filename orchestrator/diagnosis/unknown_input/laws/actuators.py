@@ -117,7 +117,7 @@ LAWS = [
         linear=False,
         modelica="y = step*floor(u/step + 0.5) - u;",
         sentence="A converter, a stepper or a valve of few levels; up to 16 are found.",
-        late=True,
+        rare=True,
     ),
     Law(
         "gain curve",
@@ -192,7 +192,7 @@ LAWS = [
         ),
         sentence="A drive or filter of second order that swings.",
         unlogged=0.1,
-        late=True,
+        rare=True,
     ),
     Law(
         "rate limit",
@@ -209,7 +209,7 @@ LAWS = [
             "der(z1) = min(max(2*(u - z1)/interval, -rate), rate);"
         ),
         sentence="A valve or drive that moves no faster.",
-        late=True,
+        rare=True,
     ),
     Law(
         "power limit",
@@ -223,7 +223,7 @@ LAWS = [
         linear=False,
         modelica="y = u*(min(1, power/max(abs(u*v), 1e-12)) - 1);",
         sentence="A drive whose force falls with speed at its largest power.",
-        late=True,
+        rare=True,
     ),
     Law(
         "power curve",
@@ -235,7 +235,7 @@ LAWS = [
         linear=False,
         modelica="y = sign(u)*pivot*(abs(u)/pivot + 1e-12)^min(max(exponent, 0.1), 5) - u;",
         sentence="Thrust or torque as a power of the command, as of a propeller.",
-        late=True,
+        rare=True,
     ),
     Law(
         "cogging",
@@ -247,6 +247,6 @@ LAWS = [
         at="force",
         modelica="y = level*sin(periods_a_turn*u + phase);",
         sentence="A motor's magnets that pull to some angles, or a gear's teeth.",
-        late=True,
+        rare=True,
     ),
 ]  # fmt: skip

@@ -43,7 +43,7 @@ LAWS = [
         at="electric",
         modelica="y = factor*u;",
         sentence="The voltage that a turning motor induces.",
-        late=True,
+        rare=True,
     ),
     Law(
         "diode",
@@ -56,7 +56,7 @@ LAWS = [
         linear=False,
         modelica="y = max(u - drop, 0) - u;",
         sentence="A diode: one direction, less its forward voltage.",
-        late=True,
+        rare=True,
     ),
     Law(
         "brush drop",
@@ -67,7 +67,7 @@ LAWS = [
         at="electric",
         modelica="y = drop*tanh(u/corner);",
         sentence="A voltage lost at any current, as at brushes or semiconductors.",
-        late=True,
+        rare=True,
     ),
     Law(
         "iron saturation",
@@ -79,7 +79,7 @@ LAWS = [
         linear=False,
         modelica="y = limit*tanh(u/limit) - u;",
         sentence="Torque or flux that falls behind the current as iron saturates; any smooth limit.",
-        late=True,
+        rare=True,
     ),
     Law(
         "resistance with temperature",
@@ -91,7 +91,7 @@ LAWS = [
         second="temperature",
         modelica="y = factor*u*(v - reference);",
         sentence="A winding's resistance, which grows with its temperature.",
-        late=True,
+        rare=True,
     ),
     Law(
         "self-heating",
@@ -103,6 +103,6 @@ LAWS = [
         at="electric",
         modelica="y = factor*u*z1; der(z1) = (u^2 - z1)/time_constant;",
         sentence="A resistance that grows as its own current heats it.",
-        late=True,
+        rare=True,
     ),
 ]

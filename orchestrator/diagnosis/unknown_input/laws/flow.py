@@ -134,7 +134,7 @@ LAWS = [
         at="flow",
         modelica="y = factor*u/(u^2 + transition^2 + 1e-300)^0.25;",
         sentence="A flow that is laminar at small pressures and turbulent above.",
-        late=True,
+        rare=True,
     ),
     Law(
         "check valve",
@@ -147,7 +147,7 @@ LAWS = [
         linear=False,
         modelica="y = max(u - opening, 0) - u;",
         sentence="A valve that opens one way, above a small pressure.",
-        late=True,
+        rare=True,
     ),
     Law(
         "heat capacity of a wall",
@@ -161,7 +161,7 @@ LAWS = [
         settled=(0,),
         modelica="y = factor*(u - z1); der(z1) = (u - z1)/time_constant;",
         sentence="A wall or an insert that takes heat up and gives it back.",
-        late=True,
+        rare=True,
     ),
     Law(
         "boiling limit",
@@ -173,7 +173,7 @@ LAWS = [
         at="flow",
         modelica="y = factor*max(u - limit, 0);",
         sentence="A temperature that stays where a liquid boils.",
-        late=True,
+        rare=True,
     ),
     Law(
         "natural convection",
@@ -185,7 +185,7 @@ LAWS = [
         at="flow",
         modelica="y = factor*(u - surroundings)*(abs(u - surroundings) + 1e-12)^0.25;",
         sentence="Heat that warm air takes along by its own draught.",
-        late=True,
+        rare=True,
     ),
     Law(
         "load pressure",
@@ -199,7 +199,7 @@ LAWS = [
         linear=False,
         modelica="y = u*(sqrt(max(1 - sign(u)*v/supply, 0)) - 1);",
         sentence="A valve's flow, which falls as the load's pressure nears the supply's.",
-        late=True,
+        rare=True,
     ),
     Law(
         "exchange",

@@ -97,7 +97,7 @@ LAWS = [
         sentence="A zero that jumps: something touches, slips or is switched on.",
         unlogged=0.1,
         odds=0.3,
-        late=True,
+        rare=True,
     ),
     Law(
         "gain that jumps",
@@ -110,7 +110,7 @@ LAWS = [
         sentence="A gain that changes at once: a part breaks or a range is switched.",
         unlogged=0.1,
         odds=0.3,
-        late=True,
+        rare=True,
     ),
     Law(
         "hum",
@@ -123,7 +123,7 @@ LAWS = [
         sentence="Mains, a motor or a fan that is heard, with the same phase in all runs.",
         unlogged=0.1,
         odds=0.3,
-        late=True,
+        rare=True,
     ),
     Law(
         "gain with temperature",
@@ -136,6 +136,6 @@ LAWS = [
         modelica="y = change*u*(v - reference);",
         sentence="A gain that changes with a temperature.",
         unlogged=0.1,
-        late=True,
+        rare=True,
     ),
 ]  # fmt: skip

@@ -85,7 +85,7 @@ LAWS = [
         at="force",
         modelica=f"y = level*z1; {_RATE}(sign(u) - z1);",
         sentence="Dry friction that builds up over a short travel, as in ball bearings.",
-        late=True,
+        rare=True,
     ),
     Law(
         "LuGre friction",
@@ -98,7 +98,7 @@ LAWS = [
         at="force",
         modelica=f"y = level*z1; {_RATE}(sign(u) - z1/(1 + 0.5*exp(-(u/speed)^2)));",
         sentence="Friction that builds up over a short travel and is half as large again at rest.",
-        late=True,
+        rare=True,
     ),
     Law(
         "presliding",
@@ -114,7 +114,7 @@ LAWS = [
         settled=(0,),
         modelica="y = z1 - u; der(z1) = min(abs(v)/travel, 2/interval)*(u - z1);",
         sentence="The model's friction, built up over a travel after each reversal by elastic parts.",
-        late=True,
+        rare=True,
     ),
     Law(
         "Bouc-Wen hysteresis",
@@ -130,7 +130,7 @@ LAWS = [
             "(sign(u) - 0.5*(sign(u) + sign(z1))*(z1^2 + 1e-12)^(0.5*min(max(exponent, 0.2), 10)));"
         ),
         sentence="A force with a loop, as of wire ropes, magnetic dampers and joints of steel.",
-        late=True,
+        rare=True,
     ),
     Law(
         "slip of a spring",
@@ -146,7 +146,7 @@ LAWS = [
             "der(z1) = (u - z1 - min(max(u - z1, -travel), travel))/(0.5*interval);"
         ),
         sentence="A spring that slips at a level of force, one element of the Maxwell slip model.",
-        late=True,
+        rare=True,
     ),
     Law(
         "backlash",
@@ -163,7 +163,7 @@ LAWS = [
             "der(z1) = (u - z1 - min(max(u - z1, -half_width), half_width))/(0.5*interval);"
         ),
         sentence="Play with memory: after a turn the output rests until the play is crossed.",
-        late=True,
+        rare=True,
     ),
     Law(
         "relaxation",
@@ -176,7 +176,7 @@ LAWS = [
         settled=(0,),
         modelica="y = stiffness*(u - z1); der(z1) = (u - z1)/time_constant;",
         sentence="A stiffness that yields with time, as of rubber.",
-        late=True,
+        rare=True,
     ),
     Law(
         "flexible mode",
@@ -193,7 +193,7 @@ LAWS = [
             "der(z2) = -frequency^2*z1 - 2*damping_ratio*frequency*(z2 - u);"
         ),
         sentence="A part that swings on the body: a mast, a cable, an arm that bends.",
-        late=True,
+        rare=True,
     ),
     Law(
         "added mass",
@@ -206,6 +206,6 @@ LAWS = [
         settled=(0,),
         modelica="y = mass*der(z1); der(z1) = (u - z1)/(0.5*interval);",
         sentence="A mass that moves along, as water around a hull.",
-        late=True,
+        rare=True,
     ),
 ]  # fmt: skip

@@ -108,7 +108,7 @@ class Law:
         unlogged: factor of the odds at a motion or a temperature that is not logged. Such signals join parts
             of a machine, which keep no offset against each other; what is logged has passed a sensor. With
             0 the law is not tried there.
-        late: whether it is tried only where the other laws leave more than the noise. It then has to
+        rare: whether it is tried only where the other laws leave more than the noise. It then has to
             close 30 % of what they leave.
         covers: range of the signal that shows the law: a ripple of which less is seen looks like others.
         delay: "fixed" if it delays the signal by its first number, "held" if it holds a sample for so long.
@@ -131,7 +131,7 @@ class Law:
     unlogged: float = 1.0
     second: str = ""
     settled: tuple[int, ...] = ()
-    late: bool = False
+    rare: bool = False
     covers: float = 0.0
     delay: str = ""
     unit: str = ""

@@ -228,7 +228,7 @@ LAWS = [
         at="force",
         modelica="y = level*tanh(u/corner);",
         sentence="A spring under load at its middle, which lets go only above a force.",
-        late=True,
+        rare=True,
     ),
     Law(
         "asymmetric stiffness",
@@ -239,7 +239,7 @@ LAWS = [
         at="force",
         modelica="y = factor*u^2;",
         sentence="A spring that is stiffer one way, as of a loudspeaker.",
-        late=True,
+        rare=True,
     ),
     Law(
         "imbalance",
@@ -252,7 +252,7 @@ LAWS = [
         modelica="y = level*v^2*sin(u + phase);",
         sentence="A centrifugal force, which grows with the square of the speed.",
         covers=2.0,
-        late=True,
+        rare=True,
     ),
     Law(
         "friction with position",
@@ -264,7 +264,7 @@ LAWS = [
         second="travel",
         modelica="y = factor*u*(v - reference);",
         sentence="A guide that is tighter at one end.",
-        late=True,
+        rare=True,
     ),
     Law(
         "friction with temperature",
@@ -276,7 +276,7 @@ LAWS = [
         second="temperature",
         modelica="y = factor*u*(v - reference);",
         sentence="Oil that is thinner when warm.",
-        late=True,
+        rare=True,
     ),
     Law(
         "dry friction between two parts",

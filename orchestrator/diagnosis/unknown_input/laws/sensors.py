@@ -34,7 +34,7 @@ LAWS = [
         modelica="y = share*u;",
         sentence="A sensor that shows a share of another signal, as if misaligned.",
         odds=0.3,
-        late=True,
+        rare=True,
     ),
     Law(
         "curved scale",
@@ -45,7 +45,7 @@ LAWS = [
         kinds=_SENSOR,
         modelica="y = factor*u^2;",
         sentence="A sensor whose gain changes along its range.",
-        late=True,
+        rare=True,
     ),
     Law(
         "eccentric scale",
@@ -57,6 +57,6 @@ LAWS = [
         modelica="y = level*sin(u + phase);",
         sentence="An encoder whose disc is not centred.",
         covers=2.0,
-        late=True,
+        rare=True,
     ),
 ]
