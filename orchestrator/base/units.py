@@ -272,6 +272,14 @@ def parse_unit(text: str) -> Unit:
     return Unit(stripped, tuple(exponents), factor, offset, difference)
 
 
+def known_unit(text: str) -> Unit | None:
+    """What `parse_unit` reads; None where it cannot."""
+    try:
+        return parse_unit(text)
+    except UnitError:
+        return None
+
+
 def parse_quantity(text: str) -> Quantity:
     """Read a number with a unit, for example "176 N/mm" or "2ms"; a bare number has the unit "1".
 

@@ -9,7 +9,7 @@ from itertools import product
 from math import prod
 from typing import Any
 
-from ..base.units import Unit, UnitError, parse_unit
+from ..base.units import Unit, known_unit
 from .variable import Causality, Initial, Kind, Value, Variability, Variable
 
 # Elements of larger arrays are no ports; the array is kept whole, and left alone.
@@ -28,10 +28,10 @@ def read_units(raw: Any) -> tuple[dict[str, Unit], dict[str, dict[str, Unit]]]:
             if unit.factor == 0:
                 continue
         else:
-            try:
-                unit = parse_unit(item.name)
-            except UnitError:
+            known = known_unit(item.name)
+            if known is None:
                 continue
+            unit = known
         units[item.name] = unit
         display_units[item.name] = {
             shown.name: _display_unit(unit, shown) for shown in item.displayUnits if shown.factor
@@ -79,10 +79,7 @@ def read_variable(
     unit_name = item.unit or (declared.unit if declared is not None else None) or ""
     unit = units.get(unit_name)
     if unit is None and unit_name:
-        try:
-            unit = parse_unit(unit_name)
-        except UnitError:
-            unit = None
+        unit = known_unit(unit_name)
     shown = display_units.get(unit_name, {})
     if unit is not None and _relative(item, declared):
         unit, shown = unit.of_differences(), {name: one.of_differences() for name, one in shown.items()}

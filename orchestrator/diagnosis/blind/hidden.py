@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...base.arrays import Array
-from ...base.units import UnitError, parse_unit
+from ...base.units import known_unit, parse_unit
 from .plant import Acting, Plant
 
 _FORCES, _RATES, _TRAVELS = ("N", "N.m"), ("m/s", "rad/s"), ("m", "rad")
@@ -53,10 +53,8 @@ class _At:
 
 
 def _is(unit: str, kinds: Sequence[str]) -> bool:
-    try:
-        return any(parse_unit(unit).same_dimension(parse_unit(one)) for one in kinds)
-    except UnitError:
-        return False
+    found = known_unit(unit)
+    return found is not None and any(found.same_dimension(parse_unit(one)) for one in kinds)
 
 
 def _places(plant: Plant, sizes: Sizes) -> Iterator[_At]:

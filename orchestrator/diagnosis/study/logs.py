@@ -18,7 +18,7 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.errors import needs
-from ...base.units import UnitError, parse_unit
+from ...base.units import known_unit
 from .log_sizes import LogError, check_columns, check_mat, check_mcap, check_size, gunzipped
 
 _NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
@@ -73,17 +73,9 @@ def name_and_unit(header: str) -> tuple[str, str]:
     if match:
         return match[1], match[2] or match[3]
     match = re.fullmatch(r"\s*(.+?)\s+\(([^()]*[^()\d\s][^()]*)\)\s*", header)
-    if match and _is_unit(match[2]):
+    if match and known_unit(match[2]) is not None:
         return match[1], match[2]
     return header.strip(), ""
-
-
-def _is_unit(text: str) -> bool:
-    try:
-        parse_unit(text)
-    except UnitError:
-        return False
-    return True
 
 
 def _table(table: Any, line: int | None = None) -> dict[str, Signal]:

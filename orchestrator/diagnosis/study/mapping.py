@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from ...base.arrays import Array
 from ...base.errors import Problem, listed, nearest
 from ...base.quantities import Measure, quantity
-from ...base.units import Unit, UnitError, convert, parse_unit
+from ...base.units import UnitError, convert, known_unit, parse_unit
 from ...config import Places, validation_problems
 from .log_checks import unmapped_clock, unread_rows
 from .logs import LogError, Signal, name_and_unit, read_log
@@ -100,7 +100,7 @@ def _read(
         if entry.get(key) is None:
             continue
         place = places.text((*path, key))
-        size = quantity("", Measure(measure, _known(measure)), entry[key], place, difference=True)
+        size = quantity("", Measure(measure, known_unit(measure)), entry[key], place, difference=True)
         if not isinstance(size, Problem) and key == "noise" and not size > 0.0:
             size = Problem(place, f"got {entry[key]!r}", "above 0", "Leave it out where nothing is compared.")
         if isinstance(size, Problem):
@@ -117,14 +117,6 @@ def _read(
             allowed = f"the unit of the column's values, one that can be converted to {unit}"
             problems.append(Problem(places.text((*path, "unit")), str(error), allowed))
     return made
-
-
-def _known(unit: str) -> Unit | None:
-    """A unit; None if it is unknown."""
-    try:
-        return parse_unit(unit)
-    except UnitError:
-        return None
 
 
 def columns_of(

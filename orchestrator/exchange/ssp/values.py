@@ -9,7 +9,7 @@ from fractions import Fraction
 
 from ...base.errors import Problem, listed, nearest
 from ...base.quantities import Measure, quantity
-from ...base.units import ONE, Quantity, Unit, UnitError, convert, parse_unit
+from ...base.units import ONE, Quantity, Unit, UnitError, convert, known_unit
 from ...config import Scalar
 from ...fmi import Kind, Variable
 from .model import Transformation
@@ -116,10 +116,7 @@ def _real(given: Assigned, variable: Variable, text: str, change: Transformation
 
 def _means(name: str, unit: Unit, variable: Variable) -> bool:
     """Whether a config reads a unit's name as what the file says it is."""
-    try:
-        return name not in variable.display_units and parse_unit(name) == unit and unit != ONE
-    except UnitError:
-        return False
+    return name not in variable.display_units and known_unit(name) == unit and unit != ONE
 
 
 def same_start(variable: Variable, one: Scalar, other: Scalar) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.compiled_functions import cfunc
-from ....base.units import UnitError, parse_unit
+from ....base.units import known_unit, parse_unit
 from ..calls import SIGNATURE
 
 _DIMENSIONS = {
@@ -29,9 +29,8 @@ _PLACES = {"force": ("force", "number"), "flow": _FLOWS, "electric": ("electric"
 @cache
 def _measured(unit: str) -> tuple[str, ...]:
     """All that a unit measures: keys of `_DIMENSIONS`, or "number"."""
-    try:
-        found = parse_unit(unit)
-    except UnitError:
+    found = known_unit(unit)
+    if found is None:
         return ()
     if not any(found.exponents):
         return ("number",)
