@@ -56,7 +56,7 @@ class Answer:
         gap: root mean square of the held-out residual over the noise, as configured.
         calibrated, remains: the same with calibrated parameters alone, and with the answer.
         closed: share of the gap closed on held-out runs. share: residual over the spread of the logs.
-        units: of ports, by name. remarks: what the reader should know. seconds: taken.
+        units: of ports and parameters, by name. remarks: what the reader should know. seconds: taken.
         held_out: names of the held-out runs; if there are none, the fitted runs stand in for them.
     """
 
@@ -146,6 +146,9 @@ def _judged(
         f"{model.parameters[k]} leaves its tolerance: {values[k]:.4g} instead of {model.nominal[k]:.4g}."
         for k in search.far(values)
     ]
+    if not unseen:
+        untested = "No run is held out, so that nothing tests the answer. "
+        remarks.append(f"{untested}Log one with the role held-out, or split one by `from` and `to`.")
     named = best if best.laws else None
     if verdict == "outside" and named is None:
         named, hint = nearest_laws(held, weighed, calibrated.remains)
@@ -153,22 +156,18 @@ def _judged(
     twins = [two for one in best.laws for two in search.twins.get(one.name, [])]
     known = {one.name for one in (*best.laws, *twins)}
     twins += {law.name: law for one in elsewhere for law in one.laws if law.name not in known}.values()
-    if elsewhere:
-        probability = min(probability, _SOMEWHERE)
-    elif len({one.law.name for one in (*best.laws, *twins)}) > len(best.laws):
-        probability = min(probability, _ALIKE)
-    if not unseen:
-        probability = min(probability, 1.0 - _WRONG_FAR)
-        untested = "No run is held out, so that nothing tests the answer. "
-        remarks.append(f"{untested}Log one with the role held-out, or split one by `from` and `to`.")
     if verdict == "outside":
-        least = min(one.polished.remains for one in weighed)
-        whole = not search.left_out and model.filters and not best.laws
-        strange = whole and closed(search.base.remains, least) < _NEAR_LAW
-        probability = _OUTSIDE if strange else 1.0 - _WRONG_FAR
+        probability = _outside(search, weighed, contradicted=bool(best.laws), tested=bool(unseen))
+    else:
+        if elsewhere:
+            probability = min(probability, _SOMEWHERE)
+        elif len({one.law.name for one in (*best.laws, *twins)}) > len(best.laws):
+            probability = min(probability, _ALIKE)
+        probability = probability if unseen else min(probability, 1.0 - _WRONG_FAR)
     places, estimate = _estimate(search) if verdict == "outside" and model.filters else ([], None)
     remains = judged.remains if verdict == "law" else calibrated.remains
-    units = {str(port): study.unit(port) for port in (*model.states, *model.inputs, *model.outputs)}
+    ports = (*model.states, *model.inputs, *model.outputs, *model.parameters)
+    units = {str(port): study.unit(port) for port in ports}
     separable = [*((one, 1.0) for one in elsewhere), *rivals] if verdict == "law" else []
     return Answer(
         verdict, named, probability, rivals, twins, parameters, places, estimate,
@@ -176,6 +175,18 @@ def _judged(
         _experiments(search, weighed, chosen, separable) if verdict == "law" else [], units, remarks,
         held_out=[run.name for run in unseen],
     )  # fmt: skip
+
+
+def _outside(search: Search, weighed: Sequence[Weighed], contradicted: bool, tested: bool) -> float:
+    """Probability that the library lacks what is missing.
+
+    Args:
+        contradicted: whether held-out runs contradict a law that was found. tested: whether there are any.
+    """
+    least = min(one.polished.remains for one in weighed)
+    none_near = closed(search.base.remains, least) < _NEAR_LAW
+    whole = not search.left_out and search.model.filters
+    return _OUTSIDE if none_near and whole and tested and not contradicted else 1.0 - _WRONG_FAR
 
 
 def _experiments(

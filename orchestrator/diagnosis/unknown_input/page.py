@@ -67,10 +67,9 @@ def page(name: str, found: Answer) -> str:
         caption = "What can be done next"
         body.append(html.table(["experiment", "separates the answer from"], rows, caption=caption))
     if data["parameters"]:
-        rows = [[key, each["value"], each["sigma"]] for key, each in data["parameters"].items()]
-        body.append(
-            html.table(["parameter", "value", "standard deviation"], rows, caption="Calibrated parameters")
-        )
+        rows = [[key, each["value"], each["sigma"], each["unit"]] for key, each in data["parameters"].items()]
+        columns = ["parameter", "value", "standard deviation", "unit"]
+        body.append(html.table(columns, rows, caption="Calibrated parameters"))
     if found.estimate is not None:
         where = found.places[0].place.name
         caption = (

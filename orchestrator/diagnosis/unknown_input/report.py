@@ -61,7 +61,8 @@ def data_of(found: Answer) -> dict[str, Any]:
         "laws": _laws(found.fitted, found.units) if found.fitted and found.verdict == "law" else [],
         "nearest": _laws(found.fitted, found.units) if found.fitted and found.verdict != "law" else [],
         "parameters": {
-            name: {"value": value, "sigma": sigma} for name, (value, sigma) in found.parameters.items()
+            name: {"value": value, "sigma": sigma, "unit": found.units.get(name, "1")}
+            for name, (value, sigma) in found.parameters.items()
         },
         "rivals": [
             {"laws": _laws(one, found.units), "probability": round(probability, 4)}
