@@ -229,7 +229,7 @@ def polished(
             known[:] = [replays.sensitivity(*apart(theta), size, fixed, exact, before)]
             return np.vstack([weight * known[0], bounds])
 
-        with np.errstate(over="ignore", invalid="ignore"):  # where all that is tried runs away
+        with np.errstate(all="ignore"):  # where all that is tried runs away, or changes nothing
             best = least_squares(
                 function, begin, jacobian, max_nfev=trials, xtol=1e-5, ftol=1e-4, x_scale="jac"
             )
