@@ -30,8 +30,7 @@ from .verdict import nearest_laws, verdict_on
 _NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR, _NOT_NONE = 1.2, 0.02, 0.4, 0.53
 # Probability that the library lacks what is missing, where no law or pair closes this share of the fitted
 # residual, all stages are done, and held-out runs contradict no law that was found: 54 of 54 such were right
-# (the seeds 12200 to 13070). Else it is lower: of what held-out runs contradict 12 of 15 were right, and
-# machines that lack several laws at once get this verdict, too, as the cascaded tanks.
+# (the seeds 12200 to 13070). Else it is lower: of what held-out runs contradict 12 of 15 were right.
 _OUTSIDE, _NEAR_LAW = 0.9, 0.5
 # Most that a law is stated with whose component the logs do not determine: 16 of 20 such were right
 # (`orchestrator challenge --random 12000 --count 350`, 240 cases of it).
