@@ -63,7 +63,7 @@ def test_units_of_a_law_are_those_of_its_equations(law: Law) -> None:
 def test_radiation_is_that_of_a_black_area() -> None:
     law = next(one for one in library() if one.name == "radiation")
     watts = law.values(np.zeros(1), np.array([300.0]), [1.0, 0.0])
-    assert law.numbers[0].unit == "w/(W/m2)" and watts == pytest.approx(459.3, rel=1e-3)
+    assert law.numbers[0].unit == "w.m2/W" and watts == pytest.approx(459.3, rel=1e-3)
 
 
 @pytest.mark.parametrize("law", library(), ids=lambda law: law.name)

@@ -103,7 +103,7 @@ LAWS = [
     Law(
         "radiation",
         "radiation",
-        (Number("factor", "w/(W/m2)"), Number("surroundings", "u", (0.0,), "range", positive=True)),
+        (Number("factor", "w.m2/W"), Number("surroundings", "u", (0.0,), "range", positive=True)),
         _radiation,
         "temperature",
         kinds=(1, 2),
@@ -115,7 +115,7 @@ LAWS = [
     Law(
         "radiation from degC",
         "radiation",
-        (Number("factor", "w/(W/m2)"), Number("surroundings", "u", (0.0,), "range")),
+        (Number("factor", "w.m2/W"), Number("surroundings", "u", (0.0,), "range")),
         _radiation_of_celsius,
         "temperature",
         kinds=(1, 2),
@@ -227,7 +227,7 @@ LAWS = [
     Law(
         "exchange by radiation",
         "exchange",
-        (Number("factor", "w/(W/m2)"),),
+        (Number("factor", "w.m2/W"),),
         _exchange_of_radiation,
         "temperature",
         kinds=(4,),
@@ -240,7 +240,7 @@ LAWS = [
     Law(
         "exchange by radiation from degC",
         "exchange",
-        (Number("factor", "w/(W/m2)"),),
+        (Number("factor", "w.m2/W"),),
         _exchange_of_radiation_of_celsius,
         "temperature",
         kinds=(4,),
