@@ -28,10 +28,10 @@ from .verdict import nearest_laws, verdict_on
 # how often answers are wrong that leave at most so many times the noise on held-out runs; and where more is
 # left, laws and "none".
 _NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR, _NOT_NONE = 1.2, 0.02, 0.4, 0.53
-# Probability that the library lacks what is missing, where all stages are done, held-out runs contradict no law
-# that was found, and no law or pair closes this share of the fitted residual. Where the first two hold, 54 of
-# 54 were right (the seeds 12200 to 13070); of what held-out runs contradict 12 of 15 were. The third is there
-# since machines that lack several laws at once get this verdict, too, as the cascaded tanks.
+# Probability that the library lacks what is missing, where all stages are done and held-out runs contradict no
+# law that was found: 54 of 54 such were right (the seeds 12200 to 13070), of what they contradict 12 of 15. Nor
+# may they contradict laws that close this share of the fitted residual: machines that lack several laws at once
+# get this verdict, too, as the cascaded tanks.
 _OUTSIDE, _NEAR_LAW = 0.9, 0.3
 # Most that a law is stated with whose component the logs do not determine: 16 of 20 such were right
 # (`orchestrator challenge --random 12000 --count 350`, 240 cases of it).
@@ -157,7 +157,7 @@ def _judged(
     known = {one.name for one in (*best.laws, *twins)}
     twins += {law.name: law for one in elsewhere for law in one.laws if law.name not in known}.values()
     if verdict == "outside":
-        probability = _outside(search, weighed, contradicted=bool(best.laws), tested=bool(unseen))
+        probability = _outside(search, weighed, bool(best.laws), named is not None, bool(unseen))
     else:
         if elsewhere:
             probability = min(probability, _SOMEWHERE)
@@ -177,16 +177,19 @@ def _judged(
     )  # fmt: skip
 
 
-def _outside(search: Search, weighed: Sequence[Weighed], contradicted: bool, tested: bool) -> float:
+def _outside(
+    search: Search, weighed: Sequence[Weighed], contradicted: bool, hint: bool, tested: bool
+) -> float:
     """Probability that the library lacks what is missing.
 
     Args:
-        contradicted: whether held-out runs contradict a law that was found. tested: whether there are any.
+        contradicted: whether held-out runs contradict the law that was found.
+        hint: whether the nearest laws close something of them. tested: whether there are any.
     """
     least = min(one.polished.remains for one in weighed)
-    none_near = closed(search.base.remains, least) < _NEAR_LAW
+    imitated = closed(search.base.remains, least) >= _NEAR_LAW and not hint
     whole = not search.left_out and search.model.filters
-    return _OUTSIDE if none_near and whole and tested and not contradicted else 1.0 - _WRONG_FAR
+    return _OUTSIDE if whole and tested and not contradicted and not imitated else 1.0 - _WRONG_FAR
 
 
 def _experiments(
