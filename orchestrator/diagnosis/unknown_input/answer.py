@@ -29,7 +29,7 @@ from .verdict import nearest_laws, verdict_on
 # left, laws and "none".
 _NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR, _NOT_NONE = 1.2, 0.02, 0.4, 0.53
 # Probability that the library lacks what is missing, where all stages are done and held-out runs contradict
-# no law that was found: 54 of 54 such were right (the seeds 12200 to 13070), of what they contradict 12 of 15.
+# no law that was found: 54 of 54 such were right (the seeds 12200 to 13070), of others 12 of 15.
 # Nor may they contradict laws that close this share of the fitted residual: machines that lack several laws
 # at once get this verdict, too, as the cascaded tanks.
 _OUTSIDE, _NEAR_LAW = 0.9, 0.3
