@@ -248,9 +248,11 @@ def _stairs(study: PortStudy) -> list[Warned]:
         port for port in study.fed
         if port in run.logs and port not in study.held and is_stairs(run.logs[port])
     ]  # fmt: skip
+    if not stairs:
+        return []
     # Over one communication step an FMU holds its inputs anyway.
     study = (with_steps(study, 2) if study.parts == 1 else None) or study
-    given = Replay(study).signals(run) if stairs else {}
+    given = Replay(study).signals(run)
     found = []
     for port in stairs:
         columns = {**study.columns, port: study.columns[port].model_copy(update={"hold": True})}
