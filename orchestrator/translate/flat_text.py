@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 import textwrap
 from collections.abc import Callable, Iterator
-from itertools import product
 from typing import Any
 
 from .flatten import Json
@@ -166,11 +166,9 @@ class _Printer:
             # An equation of arrays stands for itself.
             if not template.get("body") or template.get("scalar_view") == "RowMajorProjection":
                 continue
-            binders = family["domain"]["binders"]
-            points = len(list(product(*(_values(one) for one in binders))))
-            first = family["first_equation_index"]
-            loops |= dict.fromkeys(range(first, first + points * family["equations_per_point"]))
-            loops[first] = family
+            numbers = equations_of(family)
+            loops |= dict.fromkeys(numbers)
+            loops[numbers.start] = family
         for number, one in enumerate(equations):
             if number not in loops:
                 yield f"  {self._equation(one['residual'])};"
@@ -355,6 +353,13 @@ class _Printer:
         if "Index" in json:
             return str(json["Index"]["value"])
         return self._text(json["Expr"]["expr"]) if "Expr" in json else ":"
+
+
+def equations_of(family: Json) -> range:
+    """Numbers of the equations that a loop stands for."""
+    points = math.prod(len(_values(one)) for one in family["domain"]["binders"])
+    first = family["first_equation_index"]
+    return range(first, first + points * family["equations_per_point"])
 
 
 def _values(binder: Json) -> range:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from orchestrator.base.units import BASE_NAMES, UnitError, parse_unit
+from orchestrator.base.units import BASE_NAMES, Unit, UnitError, parse_unit
 
 from .flatten import Json
 from .sources import Location
@@ -46,6 +46,10 @@ class _Measure:
         return text if self.factor in (None, 1) else f"{float(self.factor or 1):g} {text}"
 
 
+def _measure_of(unit: Unit) -> _Measure:
+    return _Measure(tuple(map(Fraction, unit.exponents[:-1])), unit.factor)
+
+
 _ONE = _Measure((Fraction(0),) * (len(BASE_NAMES) - 1), Fraction(1))
 _SECOND = _Measure(tuple(Fraction(name == "s") for name in BASE_NAMES[:-1]), Fraction(1))
 # A number fits all; None stands for what is not known.
@@ -63,6 +67,18 @@ def unit_faults(flat: Json, place: Callable[[Json], Location]) -> list[str]:
     checker = _Checker(flat, place)
     checker.all(flat)
     return list(dict.fromkeys(checker.faults))
+
+
+class Measures:
+    """What expressions of a flat representation measure."""
+
+    def __init__(self, flat: Json) -> None:
+        self._checker = _Checker(flat, lambda span: Location("", 0))
+
+    def fit(self, body: Json, unit: str) -> bool:
+        """Whether an expression is known to be in a unit."""
+        found, wanted = self._checker.measure(body), _measure_of(parse_unit(unit))
+        return isinstance(found, _Measure) and found.fits(wanted)
 
 
 class _Checker:
@@ -85,7 +101,7 @@ class _Checker:
             place = self._place({**span, "start": max(span["start"], span["end"] - len(last.encode()))})
             self.faults.append(f"{place}: the unit of {name}: {error}")
             return None
-        return _Measure(tuple(map(Fraction, read.exponents[:-1])), read.factor)
+        return _measure_of(read)
 
     def all(self, json: Any) -> None:
         """Check every equation, binding and statement below a part of the representation."""
@@ -108,12 +124,12 @@ class _Checker:
                 if isinstance(target, str) and value.get("value"):
                     self._fits(self._units.get(target), value["value"], f"value for {target}")
             elif key == "condition" and isinstance(value, dict):
-                self._measure(value)
+                self.measure(value)
             elif key not in ("functions", "binding", "start"):
                 self.all(value)
 
     def _fits(self, wanted: _Found, body: Json, what: str) -> None:
-        found = self._measure(body)
+        found = self.measure(body)
         if isinstance(wanted, _Measure) and isinstance(found, _Measure) and not wanted.fits(found):
             where = self._where(body)
             self.faults.append(f"{where}: the {what} is in {found}, the variable in {wanted}; correct one")
@@ -121,12 +137,12 @@ class _Checker:
     def _sides(self, residual: Json) -> None:
         binary = residual.get("Binary") if isinstance(residual, dict) else None
         if not binary or binary["op"] not in ("Sub", "SubElem"):
-            self._measure(residual)
+            self.measure(residual)
             return
         self._both(binary, "the sides of this equation are")
 
     def _both(self, binary: Json, what: str) -> _Found:
-        left, right = self._measure(binary["lhs"]), self._measure(binary["rhs"])
+        left, right = self.measure(binary["lhs"]), self.measure(binary["rhs"])
         if isinstance(left, _Measure) and isinstance(right, _Measure):
             if not left.fits(right):
                 self.faults.append(
@@ -141,7 +157,7 @@ class _Checker:
         spans = (one["span"] for one in json.values() if isinstance(one, dict) and one.get("span"))
         return self._place(next(spans, {}))
 
-    def _measure(self, json: Any) -> _Found:
+    def measure(self, json: Any) -> _Found:
         if not isinstance(json, dict) or len(json) != 1:
             return None
         ((kind, body),) = json.items()
@@ -153,7 +169,7 @@ class _Checker:
                 # Of time numbers stand beside it that have units as well: sin(10*time).
                 return None if name == "time" else self._units.get(name)
             case "Unary":
-                return self._measure(body["rhs"])
+                return self.measure(body["rhs"])
             case "Binary":
                 return self._binary(body)
             case "If":
@@ -165,7 +181,7 @@ class _Checker:
         return None
 
     def _agreeing(self, parts: list[Json]) -> _Found:
-        found = [self._measure(one) for one in parts]
+        found = [self.measure(one) for one in parts]
         known = [one for one in found if isinstance(one, _Measure)]
         for part, one in zip(parts, found, strict=True):
             if isinstance(one, _Measure) and not one.fits(known[0]):
@@ -181,7 +197,7 @@ class _Checker:
         if op in _RELATIONS:
             self._both(body, "the sides of this relation are")
             return None
-        left, right = self._measure(body["lhs"]), self._measure(body["rhs"])
+        left, right = self.measure(body["lhs"]), self.measure(body["rhs"])
         if op in ("Mul", "MulElem", "Div", "DivElem"):
             sign = 1 if op.startswith("Mul") else -1
             if left == _NUMBER and right == _NUMBER:
@@ -202,7 +218,7 @@ class _Checker:
 
     def _call(self, body: Json) -> _Found:
         name, arguments = body["function"], body["args"]
-        found = [self._measure(one) for one in arguments]
+        found = [self.measure(one) for one in arguments]
         first = found[0] if found else None
         if name == "Der":
             return first.times(_SECOND, -1) if isinstance(first, _Measure) else None

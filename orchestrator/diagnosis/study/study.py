@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from ...fmi import Causality, CompiledFmu
 from ...simulation.run import Prepared
 from ...system.connection import Port
 from .keys import FORMAT, Logged, Role
+
+if TYPE_CHECKING:
+    from ...translate.opened import Opening
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,7 @@ class PortStudy:
         unused: keys of its file that have no effect.
         natives: FMUs that replays take in place of others, by the files of these; see
             `native.in_native_form`.
+        openings: inputs inside components; see `unknown_input.rebuilt.with_openings`.
     """
 
     name: str
@@ -80,6 +85,7 @@ class PortStudy:
     places: Places | None = field(default=None, compare=False, repr=False)
     unused: tuple[str, ...] = ()
     natives: Mapping[Path, CompiledFmu] = field(default_factory=dict, compare=False, repr=False)
+    openings: Mapping[Port, Opening] = field(default_factory=dict, compare=False, repr=False)
 
     def of(self, *roles: Role) -> tuple[PortRun, ...]:
         """The runs of some roles."""

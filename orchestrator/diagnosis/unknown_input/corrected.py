@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,17 @@ def write_corrected(study: PortStudy, found: Answer, folder: Path) -> list[str]:
         name = f"law_{number}"
         if not law.law.modelica:
             return [f"{law.name} is not in corrected.yaml: the law has no Modelica equations."]
-        text = _model(study, law, values.tolist(), name)
+        opening = found.openings.get(Port.of(law.place.name))
+        series = law.signal == law.place.name and opening is None
+        text = _model(law, values.tolist(), name, series, found.units, study.interval)
+        if opening is not None:
+            port = Port.of(law.place.name)
+            before = f"{port.instance}.{opening.before}"
+            signals = {"u": before if law.signal == law.place.name else law.signal, "v": law.second}
+            reads = {key: Port.of(one).variable for key, one in signals.items() if one}
+            made = ModelOfLaw(name, text, {}, reads, opening=port.variable)
+            inside.setdefault(port.instance, []).append(made)
+            continue
         if law.place.kind in (Kinds.RATE, Kinds.EXCHANGE):
             exchange = law.place.kind is Kinds.EXCHANGE
             if exchange and math.isnan(law.place.ratio):
@@ -73,7 +84,8 @@ def write_corrected(study: PortStudy, found: Answer, folder: Path) -> list[str]:
                 f"{one.name} at {place}"
                 for one in models
                 for place in (
-                    [f"der({instance}.{state})" for state in one.shares] or [f"{instance}.{one.input}"]
+                    [f"der({instance}.{state})" for state in one.shares]
+                    or [f"{instance}.{one.input or one.opening}"]
                 )
             )
             return [f"corrected.yaml is not written: a law acts inside a component, {names}; {problem}"]
@@ -151,24 +163,27 @@ def _source(
     return long_form(f"{signal} -> {to}"), ""
 
 
-def _model(study: PortStudy, law: Candidate, values: list[float], name: str) -> str:
-    """The text of the law's model."""
-    read = study.unit(Port.of(law.signal))
+def _model(
+    law: Candidate, values: list[float], name: str, series: bool, units: Mapping[str, str], interval: float
+) -> str:
+    """The text of the law's model.
+
+    Args:
+        series: whether its output takes the place of the signal. interval: of the logs [s].
+    """
+    read = units[law.signal]
     rate = law.place.kind in (Kinds.RATE, Kinds.EXCHANGE)
-    unit = "" if rate else f'(unit="{study.unit(Port.of(law.place.name))}")'
-    second = law.second and (
-        f'  input Real v(unit="{study.unit(Port.of(law.second))}", start=0) "Second signal";\n'
-    )
+    unit = "" if rate else f'(unit="{units[law.place.name]}")'
+    second = law.second and (f'  input Real v(unit="{units[law.second]}", start=0) "Second signal";\n')
     code, declared = law.law.modelica, []
     for number, value in zip(law.law.numbers, values, strict=True):
         declared.append(f'  parameter Real {number.word} = {value!r} "{number.name}";')
     if re.search(r"\binterval\b", code):
-        declared.append(f'  parameter Real interval = {study.interval!r} "Interval of the logs";')
+        declared.append(f'  parameter Real interval = {interval!r} "Interval of the logs";')
     states = [k for k in range(law.law.states) if f"z{k + 1}" in code]
     settled = [k for k in law.law.settled if k in states]
     declared += [f"  Real z{k + 1}{'' if k in settled else '(start=0, fixed=true)'};" for k in states]
     begin = "".join(f"initial equation\n  z{k + 1} = u;\n" for k in settled)
-    series = law.signal == law.place.name
     if series:
         code = code.replace("y =", "added =")
         declared.append("  Real added;")

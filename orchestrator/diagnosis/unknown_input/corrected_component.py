@@ -1,42 +1,38 @@
 """A component with laws inside it, as a Modelica model and an FMU.
 
 The model is the flat form of the one that the FMU was built from. There each derivative that a law changes is
-the law's value larger than the equations say, and each input is larger by it where equations read it.
+the law's value larger than the equations say, and each input is larger by it where equations read it. A law
+in an inner equation drives an input that is opened there.
 """
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from zipfile import ZipFile
 
 from ...base.atomic_files import write_text
 from ...base.errors import OrchestratorError
 from ...fmi import CompiledFmu
 from ...system.system import System
-from ...translate.build import check_options, compiled, model_identifier, translate
 from ...translate.flat_text import quoted
-from ...translate.package import this_platform, write_fmu
-from ...translate.presentation import PROVENANCE, source_digest
-from ...translate.show import show_model
+from ...translate.opened import opened_model
+from .rebuilt import build_flat, source_of
 
-# The name of a component's variable in a flat model, or of its derivative.
-_QUOTED = re.compile(r"""\bname="(der\()?'\w[\w.,\[\]]*'\)?\"""")
 _HEAD = re.compile(r"^(?:model|block|class) ([\w']+).*\n", re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class ModelOfLaw:
-    """A law at the derivatives of states, or at an input.
+    """A law at the derivatives of states, at an input, or in an inner equation.
 
     Attributes:
         name, text: of its Modelica model, whose output is y.
         shares: what of its output is added to the derivative of each state.
         reads: the component's variable for each of the model's inputs.
         input: of the component, to which the output is added; "" for none.
+        opening: input inside the component that the output drives; "" for none. See `translate.opened`.
     """
 
     name: str
@@ -44,27 +40,7 @@ class ModelOfLaw:
     shares: Mapping[str, float]
     reads: Mapping[str, str]
     input: str = ""
-
-
-def source_of(fmu: Path) -> tuple[Path, str] | str:
-    """The Modelica file that an FMU was built from, with the model's name; or why it is not known.
-
-    The FMU names its files with their digests. They are looked for beside the FMU and one folder above.
-    """
-    with ZipFile(fmu) as archive:
-        if PROVENANCE not in archive.namelist():
-            return f"{fmu.name} does not say which model it was built from"
-        about = json.loads(archive.read(PROVENANCE))
-    name, found = str(about["modelName"]), []
-    for file, digest in about.get("sources", {}).items():
-        places = (fmu.parent / file, fmu.parent / Path(file).name, fmu.parent.parent / file)
-        same = [one for one in places if one.is_file() and source_digest(one.read_bytes()) == digest]
-        if not same or same[0].suffix != ".mo":
-            return f"{file}, from which {fmu.name} was built, is not beside it, or differs"
-        found.append(same[0])
-    last = name.rpartition(".")[2]
-    main = [one for one in found if one.stem == last] or found
-    return (main[0], name) if main else f"{fmu.name} names no file that it was built from"
+    opening: str = ""
 
 
 def build_corrected(
@@ -83,25 +59,15 @@ def build_corrected(
     name = f"{fmu.path.stem}_corrected"
     model = folder / f"{name}.mo"
     try:
-        text = _changed(show_model(source[0], "flat", model=source[1]), name, laws)
+        only = [one.opening for one in laws if one.opening]
+        text = _changed(opened_model(source[0], model=source[1], only=only)[0], name, laws)
         if not text:
             return "", f"the flat form of {source[0].name} has no such derivative or input."
         write_text(model, text)
-        _build(model, folder / f"{name}.fmu", fmu.description.fmi_version)
+        build_flat(model, folder / f"{name}.fmu", fmu.description.fmi_version)
     except (OrchestratorError, ImportError) as error:
         return "", f"the FMU of {model.name} could not be built: {str(error).splitlines()[0]}"
     return f"{name}.fmu", ""
-
-
-def _build(model: Path, fmu: Path, version: str) -> None:
-    """Build a flat model, whose variables get the names that they have in the model with components."""
-    members, report = translate(model, fmi_version=version, model=model.stem)
-    description = members["modelDescription.xml"].decode()
-    members["modelDescription.xml"] = _QUOTED.sub(
-        lambda found: found[0].replace("'", ""), description
-    ).encode()
-    checked, platforms = check_options(version, [this_platform()])
-    write_fmu(fmu, members | compiled(members, model_identifier(report.model), checked, platforms))
 
 
 def _changed(text: str, name: str, laws: Sequence[ModelOfLaw]) -> str:
@@ -124,6 +90,12 @@ def _changed(text: str, name: str, laws: Sequence[ModelOfLaw]) -> str:
             before_it, body = body, _larger(body, _spelled(law.input), f"{one}.y")
             if body == before_it:
                 return ""
+        if law.opening:
+            driven = f"  input Real {_spelled(law.opening)}("
+            if driven not in body:
+                return ""
+            body = body.replace(driven, driven.replace("input ", ""))
+            equations += f"  {_spelled(law.opening)} = {one}.y;\n"
         declared += f"  {law.name} {one};\n"
         equations += "".join(f"  {one}.{port} = {_spelled(read)};\n" for port, read in law.reads.items())
         before += law.text + "\n"

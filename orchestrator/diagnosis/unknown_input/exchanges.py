@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 
 from ...base.units import BASE_NAMES, UnitError, parse_unit
 from .evaluation import (
-    NU,
     NX,
-    NY,
     Kinds,
     Place,
     U,
@@ -43,7 +41,7 @@ def exchanges(model: Any) -> list[Place]:
         model: a `StateModel`, which asks for them.
     """
     found = []
-    _evaluate(model)
+    evaluate_at_start(model)
     for c, row in enumerate(model.rows):
         units = [model.study.unit(model.states[k]) for k in model.states_of(row)]
         for first, second in combinations(range(len(units)), 2):
@@ -61,7 +59,7 @@ def exchanges(model: Any) -> list[Place]:
     return found
 
 
-def _evaluate(model: Any) -> None:
+def evaluate_at_start(model: Any) -> None:
     """Evaluate all components at their start values, which then stand where `slope` reads them."""
     acts, signals = acts_of((), None, model.study.interval)
     ext = np.array([float(model.study.prepared.system.start(one)) for one in model.fed])
@@ -100,15 +98,15 @@ def _moves(model: Any, row: Any, unit: str) -> bool:
 
 def _ports(model: Any, row: Any) -> Iterator[tuple[int, int]]:
     """Positions of inputs and outputs whose product is a power, as of a speed and a force."""
-    for i in range(row[NU]):
-        for k in range(row[NY]):
-            units = [model.study.unit(one) for one in (model.inputs[row[U] + i], model.outputs[row[Y] + k])]
+    for i in model.inputs_of(row):
+        for k in model.outputs_of(row):
+            units = [model.study.unit(one) for one in (model.inputs[i], model.outputs[k])]
             try:
                 power = _exponents(units[0]) + _exponents(units[1])
             except UnitError:
                 continue
             if np.array_equal(power, _exponents("W")):
-                yield int(row[NX]) + i, int(row[NX]) + k
+                yield int(row[NX] + i - row[U]), int(row[NX] + k - row[Y])
 
 
 def _shares(row: Any, first: int, second: int, via: tuple[int, int]) -> tuple[float, float]:

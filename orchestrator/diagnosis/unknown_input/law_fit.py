@@ -127,7 +127,7 @@ def readable(model: StateModel, place: Place, rare: bool = False) -> list[Candid
     Args:
         rare: rare laws, and not the others.
     """
-    own, what = _own(model, place), _dimension(model, place)
+    own, what = model.own_signal(place), _dimension(model, place)
     signals = model.signals_of(place)
     if own is not None:
         signals = {**signals, place.name: own}
@@ -162,14 +162,6 @@ def _candidate(
 ) -> Candidate:
     put = Inserted(place, law.address, read, len(law.numbers), law.states, law.settled, law.delay)
     return Candidate(law, place, name, put, (), 0.0, second, law.odds * (law.unlogged if joins else 1.0))
-
-
-def _own(model: StateModel, place: Place) -> int | None:
-    """Signal at the place itself."""
-    nx, nu = len(model.states), len(model.inputs)
-    if place.kind is Kinds.INPUT:
-        return nx + place.index
-    return nx + nu + place.index if place.kind is Kinds.OUTPUT else None
 
 
 def starts_of(one: Candidate, runs: Runs) -> list[list[float]]:

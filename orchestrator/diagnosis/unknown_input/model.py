@@ -18,6 +18,7 @@ from ...base.errors import ConfigError, Problem, listed
 from ...fmi import Causality, CompiledFmu, Kind, Variability
 from ...system.connection import Connection, Port
 from ...system.system import Instance
+from ...translate.opened import Opening
 from ..study.study import PortRun, PortStudy
 from .effort import Effort
 from .evaluation import (
@@ -41,6 +42,7 @@ from .evaluation import (
     Y,
 )
 from .exchanges import exchanges
+from .inside import inner_places
 
 Array = NDArray[np.float64]
 
@@ -315,17 +317,15 @@ class StateModel:
         return x
 
     def places(self) -> list[Place]:
-        """Every input, state derivative, output and pair of states that an unknown input can act on."""
+        """Every input, derivative, output, pair of states and inner equation on which an input can act."""
         found = []
         for c, row in enumerate(self.rows):
             found += [Place(str(self.inputs[i]), Kinds.INPUT, c, i) for i in self.inputs_of(row)]
             found += [
                 Place(f"der({self.states[i]})", Kinds.RATE, c, i) for i in range(row[X], row[X] + row[NX])
             ]
-            found += [
-                Place(str(self.outputs[i]), Kinds.OUTPUT, c, i) for i in range(row[Y], row[Y] + row[NY])
-            ]
-        return [*found, *exchanges(self)] if self.filters else found
+            found += [Place(str(self.outputs[i]), Kinds.OUTPUT, c, i) for i in self.outputs_of(row)]
+        return [*found, *exchanges(self), *inner_places(self)] if self.filters else found
 
     def seen_at(self, place: Place) -> list[int]:
         """What is compared that a law at a place may change, as indices of `compared`."""
@@ -336,13 +336,18 @@ class StateModel:
         return range(row[X], row[X] + row[NX])
 
     def inputs_of(self, row: Any) -> list[int]:
-        """Indices of a component's inputs, by its row; without parameters that runs set."""
-        varied = self.study.varied
-        return [i for i in range(row[U], row[U] + row[NU]) if self.inputs[i] not in varied]
+        """Indices of a component's inputs, by its row; without parameters that runs set, and openings."""
+        others = {*self.study.varied, *self.study.openings}
+        return [i for i in range(row[U], row[U] + row[NU]) if self.inputs[i] not in others]
 
-    def outputs_of(self, row: Any) -> range:
-        """Indices of a component's outputs, by its row."""
-        return range(row[Y], row[Y] + row[NY])
+    def outputs_of(self, row: Any) -> list[int]:
+        """Indices of a component's outputs, by its row; without those of openings."""
+        others = {
+            Port(port.instance, name)
+            for port, one in self.study.openings.items()
+            for name in (one.before, *one.signals)
+        }
+        return [i for i in range(row[Y], row[Y] + row[NY]) if self.outputs[i] not in others]
 
     def signals_of(self, place: Place) -> dict[str, int]:
         """Signals of a place's component: index into [states, inputs, outputs] by name."""
@@ -352,6 +357,23 @@ class StateModel:
         found = {str(self.states[i]): i for i in range(row[X], row[X] + row[NX])}
         found |= {str(self.inputs[i]): nx + i for i in self.inputs_of(row)}
         if place.kind is not Kinds.INPUT:
-            for i in range(row[Y], row[Y] + row[NY]):
+            for i in self.outputs_of(row):
                 found.setdefault(str(self.outputs[i]), nx + nu + i)
+        for name in self.opening_at(place).signals:
+            port = Port(self.instances[place.component].name, name)
+            found[str(port)] = nx + nu + self.outputs.index(port)
         return found
+
+    def opening_at(self, place: Place) -> Opening:
+        """The opening that a place is, or an empty one."""
+        return self.study.openings.get(Port.of(place.name), Opening("", ""))
+
+    def own_signal(self, place: Place) -> int | None:
+        """Index of the signal at an input or an output, or of what an inner equation calculates."""
+        nx, nu = len(self.states), len(self.inputs)
+        if Port.of(place.name) in self.study.openings:
+            before = Port(self.instances[place.component].name, self.opening_at(place).before)
+            return nx + nu + self.outputs.index(before) if before.variable else None
+        if place.kind is Kinds.INPUT:
+            return nx + place.index
+        return nx + nu + place.index if place.kind is Kinds.OUTPUT else None

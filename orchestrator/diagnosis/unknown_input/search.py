@@ -31,8 +31,11 @@ _EXPLAINED, _WHITE = 1.1, 2.0
 SECOND, LEAST = 2.0, 10.0
 # Families that are extended by a second law, those that are extended by a rarer one, and laws beside each.
 _BEAM, _RARE, _BESIDE = 3, 2, 5
-# Most rounds in which laws of the best pair are replaced.
-_ROUNDS = 3
+# Most rounds in which the best laws are replaced, and what a round may leave of the misfit for another one.
+_ROUNDS, _BETTER = 3, 0.95
+# Points of a signal's range at which laws are compared, and the share of a law's square that another may miss
+# which stands in for it.
+_RANGE, _IMITATED = 100, 0.1
 # Share of the spread that a simulation misses which has lost the logs.
 _LOST = 0.25
 # Nats a sample by which places in the filter may be behind the best, and how many are looked at.
@@ -224,15 +227,24 @@ class Search(Fits):
                 for one in scored
                 if one.law is not law.law and (one.place, one.signal) == (law.place, law.signal)
             ]
-            return [*elsewhere[:_BESIDE], *here[:_BESIDE]]
+            alike = [one for each in here for one in imitating(self.runs, law, values, each)]
+            return [*elsewhere[:_BESIDE], *here[:_BESIDE], *alike]
 
         best = {len(one.laws): one for one in reversed(ranked) if one.laws}
         made: list[Fit] = []
         for one in best.values():
-            fits = self.finish(self.fit_each(self._replaced(one, others)), _KEPT)
-            if fits and fits[0].remains < one.remains:
-                fits += self.finish(self._kin(fits[0], operator.le), 1)
-            made += fits
+            for _ in range(_ROUNDS):
+                fits = self.finish(self.fit_each(self._replaced(one, others)), _KEPT)
+                better = bool(fits) and fits[0].remains < one.remains
+                if better:
+                    fits += self.finish(self._kin(fits[0], operator.le), 1)
+                made += fits
+                # Beside a law that is now at another place, another one may explain the rest.
+                if not better or min(each.remains for each in fits) > _BETTER * one.remains:
+                    break
+                one = min(fits, key=lambda each: each.remains)
+                if not self.allowed("rivals of better laws"):
+                    break
         return made
 
     def likelier(self, found: Sequence[Fit]) -> list[Fit]:
@@ -401,6 +413,33 @@ def kin_of(
             for start in starts_of(one, runs)
         }
     ]
+
+
+def imitating(runs: Runs, law: Candidate, values: Array, other: Candidate) -> list[Candidate]:
+    """Another law of the same signal, with the numbers by which it comes nearest to a law.
+
+    They are found along the signal's range, which takes laws without states. Returns: one, or none.
+    """
+    if law.law.states or other.law.states or law.second or other.second or not other.law.linear:
+        return []
+    (index,) = other.inserted.signals
+    signal = np.linspace(runs.low[index], runs.high[index], _RANGE)
+    time = np.linspace(0.0, runs.length, _RANGE)
+    wanted = law.law.values(time, signal, values)
+    shared = {one.name: value for one, value in zip(law.law.numbers, values.tolist(), strict=True)}
+    best, least = other, _IMITATED * float(wanted @ wanted)
+    for start in starts_of(other, runs):
+        named = [shared.get(one.name, value) for one, value in zip(other.law.numbers, start, strict=True)]
+        for numbers in (start, [1.0, *named[1:]]):
+            shape = other.law.values(time, signal, numbers)
+            size = float(shape @ shape)
+            if not 0.0 < size < np.inf:
+                continue
+            factor = float(shape @ wanted) / size
+            misfit = float(np.sum((wanted - factor * shape) ** 2))
+            if misfit < least:
+                best, least = replace(other, numbers=(factor, *numbers[1:])), misfit
+    return [] if best is other else [best]
 
 
 def _best_of_families(singles: Sequence[Fit]) -> list[Fit]:

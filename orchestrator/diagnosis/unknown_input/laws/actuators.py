@@ -28,6 +28,14 @@ def _gain_curve(t, s, n, z, out):
     out[0] = n[0] * s[0] * abs(s[0])
 
 
+def _above(t, s, n, z, out):
+    out[0] = n[0] * max(s[0] - n[1], 0.0)
+
+
+def _below(t, s, n, z, out):
+    out[0] = n[0] * min(s[0] - n[1], 0.0)
+
+
 def _lag(t, s, n, z, out):
     out[0] = z[0] - s[0]
     out[1] = (s[0] - z[0]) / max(abs(n[0]), 0.1 * s[2])
@@ -84,6 +92,7 @@ _OWN = "own"
 _PERIODS = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
 # A step is found where the number of levels, from 0 to the largest signal, is right within a quarter.
 _LEVELS = tuple(4.0 / k for k in range(4, 65))
+_LEVEL = Number("level", "u", (0.3, 0.5, 0.7), "range", within=True)
 LAWS = [
     Law(
         "saturation",
@@ -129,6 +138,30 @@ LAWS = [
         modelica="y = factor*u*abs(u);",
         sentence="A gain that changes with the command.",
         odds=0.5,
+    ),
+    Law(
+        "gain above a level",
+        "gain curve",
+        (Number("factor", "w/u"), _LEVEL),
+        _above,
+        _OWN,
+        kinds=(1, 3),
+        modelica="y = factor*max(u - level, 0);",
+        sentence="A limit on one side, hard or soft, as of a diode or of a drive that pushes less.",
+        odds=0.5,
+        rare=True,
+    ),
+    Law(
+        "gain below a level",
+        "gain curve",
+        (Number("factor", "w/u"), _LEVEL),
+        _below,
+        _OWN,
+        kinds=(1, 3),
+        modelica="y = factor*min(u - level, 0);",
+        sentence="The same below a level; with a factor of -2 below 0, a sensor that does not see the sign.",
+        odds=0.5,
+        rare=True,
     ),
     Law(
         "lag",

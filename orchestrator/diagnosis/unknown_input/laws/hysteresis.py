@@ -37,6 +37,14 @@ def _bouc_wen(t, s, n, z, out):
     out[1] = rate * (sign - 0.5 * (sign + math.copysign(1.0, z[0])) * size)
 
 
+def _hardening(t, s, n, z, out):
+    rate = min(abs(s[0]) / (abs(n[1]) + 1e-300), 2.0 / s[2])
+    sign = math.copysign(1.0, s[0])
+    share = min(max(n[2], -2.0), 0.5)
+    out[0] = n[0] * z[0]
+    out[1] = rate * (sign - 0.5 * z[0] - share * sign * abs(z[0]))
+
+
 def _slip(t, s, n, z, out):
     # The state is where the slider rests. It follows within half an interval, which w does not see.
     limit = abs(n[1]) + 1e-300
@@ -130,6 +138,18 @@ LAWS = [
             "(sign(u) - 0.5*(sign(u) + sign(z1))*(z1^2 + 1e-12)^(0.5*min(max(exponent, 0.2), 10)));"
         ),
         sentence="A force with a loop, as of wire ropes, magnetic dampers and joints of steel.",
+        rare=True,
+    ),
+    Law(
+        "hardening hysteresis",
+        "hysteresis",
+        (_LEVEL, _TRAVEL, Number("share", "1", (-0.5,), "one")),
+        _hardening,
+        "rate",
+        1,
+        at="force",
+        modelica=f"y = level*z1; {_RATE}(sign(u) - 0.5*z1 - min(max(share, -2), 0.5)*sign(u)*abs(z1));",
+        sentence="A force with a loop that does not level off, as of a Bouc-Wen model that hardens.",
         rare=True,
     ),
     Law(

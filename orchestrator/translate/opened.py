@@ -1,0 +1,313 @@
+"""A flat model whose inner equations take inputs, so that what they lack can be found and added.
+
+A force between two states appears in no derivative alone: a tyre acts on the sideslip and on the yaw rate,
+friction at a pivot on both equations of motion. An input is added where such a force is calculated, or in a
+balance that holds several derivatives.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ..base.units import known_unit
+from .flat_text import equations_of, flat_modelica, quoted
+from .flat_units import Measures
+from .flatten import Json
+from .sources import load_sources
+
+# Units of what acts or flows, and words for it; units of what laws read.
+_ACTING = {"N": "force", "N.m": "torque", "W": "power", "A": "current", "V": "voltage", "Pa": "pressure",
+           "kg/s": "flow", "m3/s": "flow"}  # fmt: skip
+_READ = ("m/s", "rad/s", "m", "rad", "K", "Pa", "V", "A")
+# Longest sum that is a signal's name.
+_LONGEST = 60
+
+
+@dataclass(frozen=True)
+class Opening:
+    """An input that is added inside a model.
+
+    Attributes:
+        name: of the input: the variable that an equation calculates, or one made up for a balance.
+        equation: as the flat model has it.
+        before: output, the variable without what is added; "" in a balance.
+        signals: outputs, variables and sums in the equation that laws may read.
+    """
+
+    name: str
+    equation: str
+    before: str = ""
+    signals: tuple[str, ...] = ()
+
+
+def opened_model(
+    model_file: Path, *, model: str | None = None, only: Sequence[str] | None = None
+) -> tuple[str, tuple[Opening, ...]]:
+    """The flat text of a model with inputs in its inner equations.
+
+    Args:
+        model_file, model: as for `build`.
+        only: names of openings; None: all.
+    Returns: the text, and the openings. Without any, the text is that of `show_model`.
+    Raises: BuildError as a build does.
+    """
+    from .build import illustrating
+    from .hybrid.front_end import FunctionTexts, flat_form, library_paths
+
+    with illustrating(None):
+        tree = load_sources(Path(model_file))
+    with illustrating(tree):
+        name, folders = tree.model_name(model), library_paths(())
+        flat, spans = flat_form(tree, name, folders, hidden=True)
+        functions = FunctionTexts(tree, folders)
+
+        def printed(one: Json) -> str:
+            return flat_modelica(
+                one, name, spans, lambda each: found.text if (found := functions(each)) is not None else ""
+            )
+
+        opening = _Opener(flat, printed, only)
+        return opening.text(), tuple(opening.made)
+
+
+class _Opener:
+    """Adds inputs to a flat representation, which it copies."""
+
+    def __init__(self, flat: Json, printed: Callable[[Json], str], only: Sequence[str] | None) -> None:
+        self._flat, self._printed, self._only = deepcopy(flat), printed, only
+        self._measures = Measures(flat)
+        self.made: list[Opening] = []
+        # Lines of declarations and equations that the printer does not know.
+        self._declared: list[str] = []
+        self._equations: list[str] = []
+        variables = self._flat["variables"]
+        self._locals = {
+            name for name, one in variables.items()
+            if isinstance(one["variability"], str) and (isinstance(one["causality"], str) or "." in name)
+            and not one["dims"] and not one["is_discrete_type"]
+        }  # fmt: skip
+        self._states = {state for one in self._flat["equations"] for state in _derived(one)}
+        looped = {k for family in flat["structured_equations"] for k in equations_of(family)}
+        for number, one in enumerate(flat["equations"]):
+            binary = one["residual"].get("Binary") if isinstance(one["residual"], dict) else None
+            if number not in looped and binary and binary["op"] == "Sub":
+                self._open(number, binary["lhs"], binary["rhs"])
+
+    def text(self) -> str:
+        """The model's text."""
+        text = self._printed(self._flat)
+        declared, equations = "".join(self._declared), "".join(self._equations)
+        head = list(re.finditer(r"^model .*\n", text, re.MULTILINE))[-1]
+        text = text[: head.end()] + declared + text[head.end() :]
+        return re.sub(r"^equation\n", f"equation\n{equations}", text, count=1, flags=re.MULTILINE)
+
+    def _open(self, number: int, left: Json, right: Json) -> None:
+        """Add an input to an equation of the form left = right, where something acts or flows in it."""
+        name = _name_of(left)
+        if name is None and len(_derived(left) | _derived(right)) > 1:
+            self._balance(number, left, right)
+        elif name in self._locals - self._states and not _derived(right):
+            unit = self._flat["variables"][name]["unit"]
+            acts = isinstance(unit, str) and self._known(unit, _ACTING)
+            if acts and name not in _names(right) and _names(right) and not _is_alias(right):
+                self._variable(number, name, unit, left, right)
+
+    def _variable(self, number: int, name: str, unit: str, left: Json, right: Json) -> None:
+        added = _plain(name)
+        before = f"{added}_before"
+        one = self._listed(added, f"{self._shown(left)} = {self._shown(right)}", right, unit)
+        if one is None or before in self._flat["variables"]:
+            return
+        self.made.append(replace(one, before=before))
+        whole = {"Binary": {"op": "Add", "lhs": _reference(before), "rhs": _reference(added)}}
+        for k, equation in enumerate(self._flat["equations"]):
+            if k != number:
+                equation["residual"] = _replaced(equation["residual"], name, whole)
+            else:
+                equation["residual"]["Binary"]["lhs"] = _reference(before)
+        for key in ("when_chains", "assert_equations", "initial_equations"):
+            self._flat[key] = _replaced(self._flat[key], name, whole)
+        del self._flat["variables"][name]
+        self._declare("input", added, unit)
+        self._declare("output", before, unit)
+
+    def _balance(self, number: int, left: Json, right: Json) -> None:
+        sides = [one for one in (left, right) if _names(one)]
+        unit = next((one for one in _ACTING for side in sides if self._measures.fit(side, one)), "")
+        states = sorted(_derived(left) | _derived(right))
+        own = [one for one in states if unit and self._power(unit, one)] or states
+        inputs = set(self._flat["variables"]) - self._locals - self._states
+        free = [
+            one for one in _names(left) | _names(right)
+            if one in inputs and not isinstance(self._flat["variables"][one]["causality"], str)
+        ]  # fmt: skip
+        if not unit or free:
+            return  # an input that adds to the balance is a place already
+        sign = _sign_of(left, own[0]) or -_sign_of(right, own[0])
+        name = f"{_ACTING[unit]}_on_{_plain(own[0])}"
+        both = {"Binary": {"op": "Add", "lhs": left, "rhs": right}}
+        one = self._listed(name, f"{self._shown(left)} = {self._shown(right)}", both, unit)
+        if one is None or not sign or name in self._flat["variables"]:
+            return
+        self.made.append(one)
+        binary = self._flat["equations"][number]["residual"]["Binary"]
+        added = {"op": "Add" if sign > 0 else "Sub", "lhs": binary["rhs"], "rhs": _reference(name)}
+        binary["rhs"] = _reference(name) if sign > 0 and self._shown(right) == "0" else {"Binary": added}
+        self._declare("input", name, unit)
+
+    def _listed(self, name: str, equation: str, body: Json, unit: str) -> Opening | None:
+        """An opening with the signals in its equation, which become outputs; None if it is not asked for."""
+        if self._only is not None and name not in self._only:
+            return None
+        signals = []
+        for one in sorted(_names(body) & self._locals - self._states):
+            declared = self._flat["variables"].get(one)
+            if declared is None or not self._known(declared["unit"], _READ) or declared["unit"] == unit:
+                continue
+            if _plain(one) not in {each for opening in self.made for each in opening.signals}:
+                self._declare("output", _plain(one), declared["unit"])
+                if _plain(one) == one:
+                    del self._flat["variables"][one]
+                else:
+                    self._equations.append(f"  {_plain(one)} = {quoted(one)};\n")
+            signals.append(_plain(one))
+        for part in _sums(body):
+            shown, read = self._shown(part), self._unit_of(part)
+            # A dot in a name would mean a component.
+            sign = f"'{re.sub(r'[.](?=[0-9])', ',', shown.replace(chr(39), '')).replace('.', '_')}'"
+            if not read or len(shown) > _LONGEST or _derived(part) or read == unit:
+                continue
+            if sign not in {one for each in self.made for one in each.signals}:
+                self._declare("output", sign, read)
+                self._equations.append(f"  {sign} = {shown};\n")
+            signals.append(sign)
+        return Opening(name, equation, signals=tuple(dict.fromkeys(signals)))
+
+    def _unit_of(self, part: Json) -> str:
+        """Unit of a sum that laws can read: that of one of its terms; "" if it is another one."""
+        names = [_name_of(one) for one in _terms(part)]
+        units = [self._flat["variables"].get(one, {}).get("unit") for one in names if one]
+        declared = [one for one in units if isinstance(one, str) and self._known(one, _READ)]
+        # Numbers among the other terms often have units, which nothing declares.
+        fitting = (one for one in _READ if self._measures.fit(part, one))
+        return declared[0] if declared else next(fitting, "")
+
+    def _power(self, unit: str, state: str) -> bool:
+        """Whether a unit times that of a state is a power."""
+        own = known_unit(self._flat["variables"].get(state, {}).get("unit") or "")
+        acts, power = known_unit(unit), known_unit("W")
+        if own is None or acts is None or power is None:
+            return False
+        pairs = zip(own.exponents, acts.exponents, power.exponents, strict=True)
+        return all(a + b == c for a, b, c in list(pairs)[:-1])
+
+    @staticmethod
+    def _known(unit: Any, units: Any) -> bool:
+        found = known_unit(unit) if isinstance(unit, str) else None
+        others = (known_unit(one) for one in units)
+        return found is not None and any(one is not None and found.same_dimension(one) for one in others)
+
+    def _declare(self, word: str, name: str, unit: Any) -> None:
+        start = ", start = 0" if word == "input" else ""
+        self._declared.append(f'  {word} Real {quoted(name)}(unit = "{unit}"{start});\n')
+
+    def _shown(self, body: Json) -> str:
+        """An expression's text."""
+        empty = {key: [] if isinstance(value, list) else value for key, value in self._flat.items()}
+        alone = {"residual": {"Binary": {"op": "Sub", "lhs": _reference("x"), "rhs": body}}}
+        text = self._printed({**empty, "variables": {}, "functions": {}, "equations": [alone]})
+        return text.partition("x = ")[2].rpartition(";\nend")[0]
+
+
+def _reference(name: str) -> Json:
+    return {"VarRef": {"name": {"name": name}, "subscripts": []}}
+
+
+def _name_of(body: Json) -> str | None:
+    """The variable that an expression is, without subscripts."""
+    one = body.get("VarRef") if isinstance(body, dict) else None
+    return None if one is None or one["subscripts"] else str(one["name"]["name"])
+
+
+def _plain(name: str) -> str:
+    """A name without dots and subscripts, for a variable of the model itself."""
+    return re.sub(r"\W+", "_", name).strip("_")
+
+
+def _is_alias(body: Json) -> bool:
+    """Whether an expression is a variable, or its negative."""
+    return _name_of(body["Unary"]["rhs"] if "Unary" in body else body) is not None
+
+
+def _nodes(body: Any) -> Iterator[Json]:
+    """All parts of an expression; not what stands below a derivative."""
+    if isinstance(body, list):
+        for one in body:
+            yield from _nodes(one)
+    elif isinstance(body, dict):
+        yield body
+        if body.get("BuiltinCall", {}).get("function") != "Der":
+            for one in body.values():
+                yield from _nodes(one)
+
+
+def _names(body: Any) -> set[str]:
+    """Variables in an expression."""
+    return {name for one in _nodes(body) if "VarRef" in one and (name := _name_of(one)) and name != "time"}
+
+
+def _derived(body: Any) -> set[str]:
+    """Variables whose derivative stands in an expression."""
+    calls = [one["BuiltinCall"] for one in _nodes(body) if "BuiltinCall" in one]
+    return {name for one in calls if one["function"] == "Der" and (name := _name_of(one["args"][0]))}
+
+
+def _terms(body: Json) -> Iterator[Json]:
+    """The terms of a sum."""
+    binary = body.get("Binary")
+    if binary and binary["op"] in ("Add", "Sub"):
+        yield from _terms(binary["lhs"])
+        yield from _terms(binary["rhs"])
+    else:
+        yield body
+
+
+def _sums(body: Any) -> Iterator[Json]:
+    """The sums in an expression that are no part of another sum."""
+    binary = body.get("Binary") if isinstance(body, dict) else None
+    if binary and binary["op"] in ("Add", "Sub"):
+        yield body
+        for one in _terms(body):
+            yield from _sums(one)
+    elif isinstance(body, dict | list):
+        for one in body.values() if isinstance(body, dict) else body:
+            yield from _sums(one)
+
+
+def _sign_of(body: Json, state: str) -> int:
+    """Sign of the term that holds a derivative, 0 if there is none."""
+    if state not in _derived(body):
+        return 0
+    ((kind, one),) = body.items()
+    if kind == "Unary":
+        return (-1 if "Minus" in one["op"] else 1) * _sign_of(one["rhs"], state)
+    if kind == "Binary":
+        here = "lhs" if state in _derived(one["lhs"]) else "rhs"
+        return (-1 if one["op"] == "Sub" and here == "rhs" else 1) * _sign_of(one[here], state)
+    return 1
+
+
+def _replaced(body: Any, name: str, by: Json) -> Any:
+    """An expression with a variable replaced."""
+    if isinstance(body, list):
+        return [_replaced(one, name, by) for one in body]
+    if not isinstance(body, dict):
+        return body
+    if _name_of(body) == name:
+        return by
+    return {key: _replaced(one, name, by) for key, one in body.items()}
