@@ -36,6 +36,8 @@ _ROUNDS, _BETTER = 3, 0.95
 # Points of a signal's range at which laws are compared, and the share of a law's square that another may miss
 # which stands in for it.
 _RANGE, _IMITATED = 100, 0.1
+# Begins of a scan around a number.
+_SCAN = 41
 # Share of the spread that a simulation misses which has lost the logs.
 _LOST = 0.25
 # Nats a sample by which places in the filter may be behind the best, and how many are looked at.
@@ -130,6 +132,7 @@ class Search(Fits):
         scores = self.scores(*self.begins, rare=True)
         self._scores = [one.joined(two) for one, two in zip(self._scores, scores, strict=True)]
         rare = self.finish(self._from_begins(scores, partial(_singly, most=_RARE_TRIED, each=1)), _RARE_KEPT)
+        rare = best_of_each([*rare, *self.finish(self.fit_each(_beside(rare[:_RARE_KEPT])), _RARE_KEPT)])
         self._singles = best_of_each([*self._singles, *rare])
         return rare
 
@@ -375,6 +378,17 @@ class Search(Fits):
                 numbers = [two.numbers if j == k else one[1] for j, one in enumerate(parts)]
                 laws = (*best.laws[:k], two, *best.laws[k + 1 :])
                 yield laws, np.r_[best.polished.constants[:count], *numbers], best.polished.starts
+
+
+def _beside(fits: Sequence[Fit]) -> Iterator[tuple[tuple[Candidate, ...], Array, Sequence[Array]]]:
+    """Begins around numbers of single laws that fits may miss; see `Number.scanned`."""
+    for one in fits:
+        law, end = one.laws[0].law, len(one.polished.constants)
+        for k, number in enumerate(law.numbers, end - len(law.numbers)):
+            for share in np.linspace(-number.scanned, number.scanned, _SCAN if number.scanned else 0):
+                constants = one.polished.constants.copy()
+                constants[k] *= 1.0 + share
+                yield one.laws, constants, one.polished.starts
 
 
 def _singly(scores: Scores, most: int, each: int) -> list[list[Candidate]]:

@@ -119,7 +119,7 @@ LAWS = [
     Law(
         "quantisation",
         "quantisation",
-        (Number("step", "u", _LEVELS, "most", positive=True),),
+        (Number("step", "u", _LEVELS, "most", positive=True, scanned=0.01),),
         _quantisation,
         _OWN,
         kinds=(1, 3),

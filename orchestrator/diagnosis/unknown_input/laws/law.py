@@ -62,6 +62,7 @@ class Number:
         most: largest size, times the signal's spread; a fit beyond it is another law.
         limits: least and largest value; a fit beyond them is another law.
         positive: whether its sign means nothing.
+        scanned: share of it by which fits may miss it, since they end at the nearest of many minima.
         within: whether it, or its negative if `positive`, lies within the signal's range; a fit beyond it is
             another law.
     """
@@ -73,6 +74,7 @@ class Number:
     most: float = math.inf
     limits: tuple[float, float] = (-math.inf, math.inf)
     positive: bool = False
+    scanned: float = 0.0
     within: bool = False
 
     @property
