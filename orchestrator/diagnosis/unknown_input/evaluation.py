@@ -200,6 +200,12 @@ def answered(row):
 
 
 @njit(allocates=False)
+def answer_at(row, seen):
+    """What a component answers, a derivative or an output, by its position."""
+    return load(row[GET_VALUES] + 8 * seen, 0.0)
+
+
+@njit(allocates=False)
 def put_at(row, moved, value, relative):
     """Set one variable of a component by its position, and have it answered; returns what it was before.
 
@@ -216,10 +222,9 @@ def put_at(row, moved, value, relative):
 @njit(allocates=False)
 def slope(row, moved, seen):
     """Derivative of one answer of a component by what is set, both by their positions."""
-    to = row[GET_VALUES] + 8 * seen
-    first = load(to, 0.0)
+    first = answer_at(row, seen)
     value = put_at(row, moved, _STEP, True)
-    change = load(to, 0.0) - first
+    change = answer_at(row, seen) - first
     put_at(row, moved, value, False)
     return change / (_STEP * max(1.0, abs(value)))
 

@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.units import known_unit
-from .evaluation import NU, NX, NY, Kinds, Place, U, Y, put_at, slope
+from .evaluation import NU, NX, NY, Kinds, Place, U, Y, answer_at, put_at
 from .exchanges import evaluate_at_start
 
 Array = NDArray[np.float64]
-# Part by which states are moved to see whether an input acts the same elsewhere.
-_MOVED = 0.1
+# Parts by which states are moved to see whether an input acts the same elsewhere, and inputs to see how. A
+# small step would show the rounding of large derivatives.
+_MOVED, _STEP = 0.1, 1e-2
 # Sine of the angle between two columns up to which they are parallel.
-_PARALLEL = 1e-6
+_PARALLEL = 1e-5
 
 
 def inner_places(model: Any) -> list[Place]:
@@ -58,7 +59,15 @@ def _columns(row: Any, seen: list[int]) -> Array:
 
 
 def _slopes(row: Any, seen: list[int]) -> Array:
-    return np.array([[slope(row, row[NX] + i, one) for one in seen] for i in range(row[NU])])
+    def answers() -> Array:
+        return np.array([answer_at(row, one) for one in seen])
+
+    first, found = answers(), []
+    for i in range(row[NU]):
+        value = put_at(row, row[NX] + i, _STEP, True)
+        found.append((answers() - first) / (_STEP * max(1.0, abs(value))))
+        put_at(row, row[NX] + i, value, False)
+    return np.array(found).reshape(row[NU], len(seen))
 
 
 def _as_derivative(column: Array, states: int) -> bool:
@@ -66,7 +75,7 @@ def _as_derivative(column: Array, states: int) -> bool:
     acts = np.abs(column).max(axis=0) > 0.0
     if not acts.any():
         return True
-    same = np.allclose(column[0], column[1], rtol=1e-5, atol=0.0)
+    same = np.allclose(column[0], column[1], rtol=1e-4, atol=0.0)
     return bool(acts[:states].sum() == 1 and not acts[states:].any() and same)
 
 
