@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from ..base.units import known_unit
-from .flat_text import equations_of, flat_modelica, quoted
+from .flat_text import equations_of, quoted
 from .flat_units import Measures
 from .flatten import Json
+from .show import printable
 from .sources import load_sources
 
 # Units of what acts or flows, and words for it; units of what laws read.
@@ -57,20 +58,13 @@ def opened_model(
     Raises: BuildError as a build does.
     """
     from .build import illustrating
-    from .hybrid.front_end import FunctionTexts, flat_form, library_paths
+    from .hybrid.front_end import library_paths
 
     with illustrating(None):
         tree = load_sources(Path(model_file))
     with illustrating(tree):
         name, folders = tree.model_name(model), library_paths(())
-        flat, spans = flat_form(tree, name, folders, hidden=True)
-        functions = FunctionTexts(tree, folders)
-
-        def printed(one: Json) -> str:
-            return flat_modelica(
-                one, name, spans, lambda each: found.text if (found := functions(each)) is not None else ""
-            )
-
+        flat, printed = printable(tree, name, folders)
         opening = _Opener(flat, printed, only)
         return opening.text(), tuple(opening.made)
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from orchestrator.base.errors import BuildError, listed
 
-from .sources import load_sources
+from .flatten import Json
+from .sources import SourceTree, load_sources
 
 if TYPE_CHECKING:
     from .program import Program
@@ -27,10 +28,9 @@ def show_model(
     Raises: BuildError as a build does.
     """
     from .build import explicit_program, illustrating, in_file, need_casadi
-    from .flat_text import flat_modelica
     from .hybrid.blocks_text import blocks_text
     from .hybrid.build import solved
-    from .hybrid.front_end import FunctionTexts, flat_form, library_paths
+    from .hybrid.front_end import library_paths
 
     need_casadi()
     with illustrating(None):
@@ -39,11 +39,8 @@ def show_model(
         name = tree.model_name(model)
         folders = library_paths(libraries)
         if stage == "flat":
-            flat, spans = flat_form(tree, name, folders, hidden=True)
-            functions = FunctionTexts(tree, folders)
-            return flat_modelica(
-                flat, name, spans, lambda one: found.text if (found := functions(one)) is not None else ""
-            )
+            flat, printed = printable(tree, name, folders)
+            return printed(flat)
         try:
             return blocks_text(solved(tree, name, folders))
         except BuildError as error:
@@ -51,6 +48,27 @@ def show_model(
             if "delay()" in message:
                 return _explicit_text(explicit_program(tree, name)[0])
             raise BuildError(message) from None
+
+
+def printable(tree: SourceTree, name: str, folders: Sequence[Path]) -> tuple[Json, Callable[[Json], str]]:
+    """A model's flat representation, and what writes it, or a changed copy of it, as Modelica.
+
+    Args:
+        name: of the model. folders: of libraries.
+    Raises: BuildError as a build does.
+    """
+    from .flat_text import flat_modelica
+    from .hybrid.front_end import FunctionTexts, flat_form
+
+    flat, spans = flat_form(tree, name, folders, hidden=True)
+    functions = FunctionTexts(tree, folders)
+
+    def printed(one: Json) -> str:
+        return flat_modelica(
+            one, name, spans, lambda each: found.text if (found := functions(each)) is not None else ""
+        )
+
+    return flat, printed
 
 
 def _explicit_text(program: Program) -> str:

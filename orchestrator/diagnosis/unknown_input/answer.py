@@ -96,11 +96,14 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
         progress: takes the name of each stage.
     """
     begin, effort = perf_counter(), Effort()
-    found = _answered(study, effort, progress)
-    if found.remains > _NEAR_NOISE and effort.allows():
-        inside = _inside(study, effort, progress)
-        if inside is not None and inside.remains < _CLEARLY * found.remains:
-            found = inside
+    # With many small matrices, threads of BLAS wait for one another.
+    with threadpool_limits(1):
+        with _model(study, effort) as model:
+            found, has_states = _answered(study, model, progress), model.filters
+        if has_states and found.remains > _NEAR_NOISE and effort.allows():
+            inside = _inside(study, effort, progress)
+            if inside is not None and inside.remains < _CLEARLY * found.remains:
+                found = inside
     return replace(found, seconds=perf_counter() - begin)
 
 
@@ -112,30 +115,28 @@ def _inside(study: PortStudy, effort: Effort, progress: Callable[[str], None]) -
     with _model(opened, effort) as model:
         if not any(Port.of(one.name) in opened.openings for one in model.places()):
             return None
-    progress("inner equations")
-    found = _answered(opened, effort, progress)
+        progress("inner equations")
+        found = _answered(opened, model, progress)
     laws = found.fitted.laws if found.fitted else ()
     inner = {law.place.name: opened.openings.get(Port.of(law.place.name)) for law in laws}
     remarks = [f"{name} is inside the component: {one.equation}" for name, one in inner.items() if one]
     return replace(found, remarks=[*remarks, *found.remarks], openings=opened.openings)
 
 
-def _answered(study: PortStudy, effort: Effort, progress: Callable[[str], None]) -> Answer:
-    """What is missing, at the places of a study."""
-    # With many small matrices, threads of BLAS wait for one another.
-    with threadpool_limits(1), _model(study, effort) as model:
-        progress("calibration")
-        model.study, left_out = without_outliers(model)
-        study = model.study
-        model.study = thinned(model)
-        search = Search(Runs(model, model.study.of(Role.TRAIN, Role.VALIDATION)), progress)
-        weighed = search.weighed(search.searched())
-        chosen = choose_answer(search, weighed)
-        progress("judgement")
-        made = _judged(study, model, search, weighed, chosen)
-        if search.left_out:
-            left_out.append(f"The search ended at its limit of work, without: {', '.join(search.left_out)}.")
-        return replace(made, remarks=[*left_out, *made.remarks])
+def _answered(study: PortStudy, model: StateModel, progress: Callable[[str], None]) -> Answer:
+    """What is missing, at the places of a study's model."""
+    progress("calibration")
+    model.study, left_out = without_outliers(model)
+    study = model.study
+    model.study = thinned(model)
+    search = Search(Runs(model, model.study.of(Role.TRAIN, Role.VALIDATION)), progress)
+    weighed = search.weighed(search.searched())
+    chosen = choose_answer(search, weighed)
+    progress("judgement")
+    made = _judged(study, model, search, weighed, chosen)
+    if search.left_out:
+        left_out.append(f"The search ended at its limit of work, without: {', '.join(search.left_out)}.")
+    return replace(made, remarks=[*left_out, *made.remarks])
 
 
 def _model(study: PortStudy, effort: Effort) -> StateModel:

@@ -44,8 +44,7 @@ def write_corrected(study: PortStudy, found: Answer, folder: Path) -> list[str]:
         if opening is not None:
             port = Port.of(law.place.name)
             before = f"{port.instance}.{opening.before}"
-            signals = {"u": before if law.signal == law.place.name else law.signal, "v": law.second}
-            reads = {key: Port.of(one).variable for key, one in signals.items() if one}
+            reads = _reads(before if law.signal == law.place.name else law.signal, law.second)
             made = ModelOfLaw(name, text, {}, reads, opening=port.variable)
             inside.setdefault(port.instance, []).append(made)
             continue
@@ -58,8 +57,7 @@ def write_corrected(study: PortStudy, found: Answer, folder: Path) -> list[str]:
                     f"der({law.signal}) at the start values, what passes counts from {law.signal}."
                 ]
             state = Port.of(law.signal if exchange else law.place.name.removeprefix("der(").removesuffix(")"))
-            signals = {"u": law.signal, "v": law.second}
-            reads = {key: Port.of(one).variable for key, one in signals.items() if one}
+            reads = _reads(law.signal, law.second)
             shares = {state.variable: 1.0}
             if exchange:
                 shares = {state.variable: -1.0, Port.of(law.second).variable: law.place.ratio}
@@ -70,7 +68,7 @@ def write_corrected(study: PortStudy, found: Answer, folder: Path) -> list[str]:
         own = len({one.instance for one in ports}) == 1 and law.signal != law.place.name
         if problem and own and law.place.kind is Kinds.INPUT:
             # What it reads is inside the component, and so may the law be.
-            reads = {key: one.variable for key, one in zip("uv", ports[1:], strict=False)}
+            reads = _reads(law.signal, law.second)
             made = ModelOfLaw(name, text, {}, reads, ports[0].variable)
             inside.setdefault(ports[0].instance, []).append(made)
             continue
@@ -98,6 +96,11 @@ def write_corrected(study: PortStudy, found: Answer, folder: Path) -> list[str]:
     data["title"] = f"{data.get('title', study.prepared.config.name)}, corrected by its logs"
     write_text(folder / "corrected.yaml", dump(data))
     return []
+
+
+def _reads(signal: str, second: str) -> dict[str, str]:
+    """The component's variables for the inputs u and v of a law's model."""
+    return {key: Port.of(one).variable for key, one in (("u", signal), ("v", second)) if one}
 
 
 def _put(

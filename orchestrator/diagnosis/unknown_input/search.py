@@ -132,7 +132,7 @@ class Search(Fits):
         scores = self.scores(*self.begins, rare=True)
         self._scores = [one.joined(two) for one, two in zip(self._scores, scores, strict=True)]
         rare = self.finish(self._from_begins(scores, partial(_singly, most=_RARE_TRIED, each=1)), _RARE_KEPT)
-        rare = best_of_each([*rare, *self.finish(self.fit_each(_beside(rare[:_RARE_KEPT])), _RARE_KEPT)])
+        rare = best_of_each([*rare, *self.finish(self.fit_each(_scanned(rare[:_RARE_KEPT])), _RARE_KEPT)])
         self._singles = best_of_each([*self._singles, *rare])
         return rare
 
@@ -230,8 +230,8 @@ class Search(Fits):
                 for one in scored
                 if one.law is not law.law and (one.place, one.signal) == (law.place, law.signal)
             ]
-            alike = [one for each in here for one in imitating(self.runs, law, values, each)]
-            return [*elsewhere[:_BESIDE], *here[:_BESIDE], *alike]
+            nearest = [one for each in here for one in imitating(self.runs, law, values, each)]
+            return [*elsewhere[:_BESIDE], *here[:_BESIDE], *nearest]
 
         best = {len(one.laws): one for one in reversed(ranked) if one.laws}
         made: list[Fit] = []
@@ -380,7 +380,7 @@ class Search(Fits):
                 yield laws, np.r_[best.polished.constants[:count], *numbers], best.polished.starts
 
 
-def _beside(fits: Sequence[Fit]) -> Iterator[tuple[tuple[Candidate, ...], Array, Sequence[Array]]]:
+def _scanned(fits: Sequence[Fit]) -> Iterator[tuple[tuple[Candidate, ...], Array, Sequence[Array]]]:
     """Begins around numbers of single laws that fits may miss; see `Number.scanned`."""
     for one in fits:
         law, end = one.laws[0].law, len(one.polished.constants)
