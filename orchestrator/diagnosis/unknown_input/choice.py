@@ -34,10 +34,10 @@ def choose_answer(search: Search, weighed: Sequence[Weighed]) -> int:
     """Index of the answer.
 
     A second law must halve what the best single one leaves, if that is twice the noise or more, or bring
-    parameters back to their tolerances. An answer that moves a parameter beyond its tolerance must halve what
-    the best one leaves that does not. A rare law must close as much of what the others leave as
-    any law in its place. A law must halve what one with fewer numbers and states leaves, of its family at its
-    component.
+    parameters back to their tolerances. Two laws of which neither is an answer alone must explain the logs.
+    An answer that moves a parameter beyond its tolerance must halve what the best one leaves that does not.
+    A rare law must close as much of what the others leave as any law in its place. A law must halve what one
+    with fewer numbers and states leaves, of its family at its component.
     """
 
     def closed_share(before: int, after: int) -> float:
@@ -69,6 +69,8 @@ def choose_answer(search: Search, weighed: Sequence[Weighed]) -> int:
         if count in best:
             before, after = weighed[chosen], weighed[best[count]]
             gain = after.evidence - before.evidence
+            if count == 2 and not before.fitted.laws and after.polished.remains > SECOND:
+                continue
             share = _SECOND_CLOSES if count == 2 else _FIRST_CLOSES
             if count == 2 and len(before.fitted.laws) == 1 and before.polished.remains < SECOND:
                 # One law explains the logs, unless it needs what the tolerances do not allow.
@@ -137,8 +139,9 @@ def rivals_of(
             elsewhere.append(one)
         merged.setdefault(_alias(best if alike else one), [one, 0.0])[1] += weight
     answer = merged.pop(_alias(best))[1]
+    # A rival with more evidence lost by the rules of `choose_answer`, so that it is not the likelier one.
     rivals = [
-        (one, _WIDER * weight if _kind(one) == _kind(best) and _size(one) > _size(best) else weight)
+        (one, (_WIDER if _kind(one) == _kind(best) and _size(one) > _size(best) else 1.0) * min(weight, answer))
         for one, weight in merged.values()
     ]
     whole = answer + sum(weight for _, weight in rivals)
