@@ -453,14 +453,35 @@ def test_components_without_states_are_replayed_by_the_master(tmp_path: Path) ->
 @pytest.mark.parametrize(("law_far", "chosen"), [(False, 1), (True, 0)])
 def test_a_law_within_tolerances_comes_before_parameters_beyond_them(law_far: bool, chosen: int) -> None:
     """Where both explain the logs."""
-    law = next(one for one in library() if one.name == "delay")
+    weighed = [fit_of((), 0.9, 0.0, far=True), fit_of(("delay",), 0.9, 50.0, far=law_far)]
+    assert choose_answer(FAR_OR_NOT, weighed) == chosen
+
+
+@pytest.mark.parametrize(("remains", "chosen"), [(1.5, 2), (3.0, 0)])
+def test_two_laws_of_which_neither_is_an_answer_have_to_explain_the_logs(remains: float, chosen: int) -> None:
+    """Two laws imitate much: what they leave shows that they are not what is missing."""
+    begun = [fit_of((), 10.0, 0.0), fit_of(("saturation",), 9.0, 60.0)]
+    assert choose_answer(FAR_OR_NOT, [*begun, fit_of(("saturation", "dead zone"), remains, 90.0)]) == chosen
+
+
+def test_the_simpler_law_of_a_family_is_not_a_rare_one() -> None:
+    best_first = [("stribeck", 4.0, 500.0), ("Dahl friction", 4.2, 400.0), ("coulomb", 4.4, 300.0)]
+    weighed = [*(fit_of((name,), left, nats) for name, left, nats in best_first), fit_of((), 10.0, 0.0)]
+    assert choose_answer(FAR_OR_NOT, weighed) == 2
+
+
+# Parameters leave their tolerances where the first one is 1.
+FAR_OR_NOT: Any = SimpleNamespace(far=lambda constants: np.flatnonzero(constants[:1]).tolist(), begins=[])
+
+
+def fit_of(names: tuple[str, ...], remains: float, nats: float, far: bool = False) -> Weighed:
+    """Laws at one place, with what they leave over the noise, and their evidence."""
+    laws = [next(one for one in library() if one.name == name) for name in names]
     place = Place("mass.force", Kinds.INPUT, 0, 0)
-    one = Candidate(law, place, "", Inserted(place, 0, (0,), 1), (1.0,), 1.0)
-    fits = [Fitted((), *[np.zeros(0)] * 2, 0.0, ()), Fitted((one,), np.ones(1), np.full(1, 1e-3), 0.0, ())]
-    polished = [Polished(np.full(1, float(far)), np.eye(1), [], 0.9, 100, 1.0) for far in (True, law_far)]
-    weighed = [Weighed(*both, nats) for *both, nats in zip(fits, polished, (0.0, 50.0), strict=True)]
-    search: Any = SimpleNamespace(far=lambda constants: np.flatnonzero(constants).tolist())
-    assert choose_answer(search, weighed) == chosen
+    each = [Candidate(one, place, one.name, Inserted(place, 0, (0,), 1), (1.0,), 1.0) for one in laws]
+    count = sum(len(one.numbers) for one in laws)
+    fitted = Fitted(tuple(each), np.ones(count), np.full(count, 1e-3), 0.0, ())
+    return Weighed(fitted, Polished(np.full(1, float(far)), np.eye(1), [], remains, 100, 1.0), nats)
 
 
 @pytest.mark.parametrize("name", ["delay", "lag", "dead zone", "saturation"])

@@ -56,7 +56,7 @@ def choose_answer(search: Search, weighed: Sequence[Weighed]) -> int:
         ]  # fmt: skip
         if not ranked:
             continue
-        usual = [k for k in ranked if not any(law.law.rare for law in weighed[k].fitted.laws)]
+        usual = [k for k in ranked if not _rare(weighed[k].fitted)]
         share = _SECOND_CLOSES if count == 2 else _FIRST_CLOSES
         if usual and closed_share(usual[0], ranked[0]) <= share:
             ranked = usual
@@ -91,8 +91,14 @@ def choose_answer(search: Search, weighed: Sequence[Weighed]) -> int:
         k for k, one in enumerate(weighed)
         if _kind(one.fitted) == _kind(answer.fitted) and _size(one.fitted) < _size(answer.fitted)
         and closed(one.polished.remains, answer.polished.remains) < _HALF
+        and (_rare(answer.fitted) or not _rare(one.fitted))
     ]  # fmt: skip
     return simpler[0] if simpler else chosen
+
+
+def _rare(one: Fitted) -> bool:
+    """Whether a rare law is among the laws."""
+    return any(law.law.rare for law in one.laws)
 
 
 def _size(one: Fitted) -> int:
@@ -140,10 +146,10 @@ def rivals_of(
         merged.setdefault(_alias(best if alike else one), [one, 0.0])[1] += weight
     answer = merged.pop(_alias(best))[1]
     # A rival with more evidence lost by the rules of `choose_answer`, so that it is not the likelier one.
-    rivals = [
-        (one, (_WIDER if _kind(one) == _kind(best) and _size(one) > _size(best) else 1.0) * min(weight, answer))
-        for one, weight in merged.values()
-    ]
+    rivals = []
+    for one, weight in merged.values():
+        wider = _kind(one) == _kind(best) and _size(one) > _size(best)
+        rivals.append((one, min(weight, answer) * (_WIDER if wider else 1.0)))
     whole = answer + sum(weight for _, weight in rivals)
     others = [(one, trust * weight / whole) for one, weight in rivals if one.laws]
     return trust * answer / whole, sorted(others, key=lambda each: -each[1]), elsewhere
