@@ -29,7 +29,7 @@ class DiskMargin:
 
     Attributes:
         connections: that are opened.
-        margin: a; from 2 on any gain is borne; NaN where the closed system is unstable.
+        margin: a; at 2 or more, any gain is allowed; NaN where the closed system is unstable.
         omega: where it is least [rad/s].
         sensitivity_peak: largest singular value of the sensitivity (1 + L)^-1, which of several loops depends
             on the units of their signals.

@@ -231,7 +231,7 @@ def dependencies(
 ) -> tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]]:
     """Direct feedthrough when stepping and at initialisation: the FMU's, unless the config has it."""
     feedthrough = dict(description.feedthrough)
-    initial = dict(description.initial_feedthrough) or dict(feedthrough)
+    initial = dict(description.initial_feedthrough)
     outputs, inputs = [v.name for v in description.outputs], [v.name for v in description.inputs]
     for output, sources in stated.items():
         place = places.text(("instances", instance, "feedthrough", output))

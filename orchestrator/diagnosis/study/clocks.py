@@ -16,7 +16,7 @@ from .study import Array, PortRun, PortStudy
 # By run and port.
 Signals = Mapping[str, Mapping[Port, Array]]
 
-# Mean square residual of a port, in squares of its noise, from which on something is missed; the share of
+# Mean square residual of a port, in squares of its noise, above which something is missed; the share of
 # that excess which another clock may leave, and which a shift by whole samples may leave before the fit.
 _MISSED, _ENOUGH, _NEAR = 4.0, 0.1, 0.4
 # Part of the shortest run by which a clock may be off; how many of the best groups of columns are fitted, by

@@ -20,8 +20,8 @@ from .replay import Replay
 from .study import Array, PortStudy
 
 _PYTHON = "PythonFMU"
-# Samples of all train runs from which on a replay takes longer than is soon made good by a build, and the
-# longest that one may take [s]: code is explored on all of its paths, which may be many.
+# Samples of all train runs above which a build saves more time than it takes, and the longest time of a build
+# [s]: it explores all paths of the code, which may be many.
 _MANY, _LONGEST = 1000, 300.0
 # By how much signals may differ, of their largest value: functions of numpy round in an order of their own.
 _SAME = 1e-9

@@ -90,7 +90,7 @@ class Sheet:
         return found
 
     def seconds(self, value: Any, *path: object, absent: float = 0.0) -> float:
-        """A time from 0 on [s]; `absent` if none is given, or none that can be taken."""
+        """A time of 0 or more [s]; `absent` if none is given, or none that can be taken."""
         if value is None:
             return absent
         found = self.size(_SECONDS, value, *path)

@@ -44,7 +44,7 @@ _SOMEWHERE = 0.8
 _ALIKE = 0.9
 # An answer inside a component has to leave so much less than the best one outside.
 _CLEARLY = 0.8
-# Probability from which on a rival is worth an experiment, and rivals that experiments separate.
+# Least probability of a rival that is worth an experiment, and rivals that experiments separate.
 _LIKELY, _RIVALS = 0.02, 4
 
 

@@ -34,7 +34,7 @@ def choose_answer(search: Search, weighed: Sequence[Weighed]) -> int:
     """Index of the answer.
 
     A second law must halve what the best single one leaves, if that is twice the noise or more, or bring
-    parameters back to their tolerances. Two laws of which neither is an answer alone must explain the logs.
+    parameters back to their tolerances. If no single law is an answer, two laws must explain the logs.
     An answer that moves a parameter beyond its tolerance must halve what the best one leaves that does not.
     A rare law must close as much of what the others leave as any law in its place. A law must halve what one
     with fewer numbers and states leaves, of its family at its component.

@@ -129,7 +129,7 @@ class Runs:
         only: Sequence[int] | None = None,
         samples: int | None = None,
     ) -> list[Smoothed]:
-        """Filter the runs one after the other; what a run tells of constants is the next one's prior.
+        """Filter the runs one after the other; the constants' estimate from a run is the next one's prior.
 
         Args:
             priors: mean and standard deviation of a law's numbers.
@@ -229,7 +229,7 @@ def rank(
     """
     alone = loglik(runs.passes(laws, priors))
     every = runs.model.places() if places is None else list(places)
-    # A part of one run tells which places come near, and about which intensity.
+    # A part of one run shows which places come near, and about which intensity.
     rough = [(_climbed(runs, place, laws, priors, 1, _MOVES, brief=True), place) for place in every]
     best = max((one.gain for one, _ in rough), default=0.0)
     brief = min(_BRIEF, max(len(run) for run in runs.runs)) * len(runs.model.compared)

@@ -103,7 +103,7 @@ class Replays:
             left = np.nan_to_num(np.clip(left, -WORST, WORST))
             left = (left - left.mean(axis=0)) * np.hanning(len(left))[:, None]
             power += (np.abs(np.fft.rfft(left, size, axis=0)) ** 2).sum(axis=1)
-        # Between two bins of the run's own length, and from a few periods on.
+        # Between two bins of the run's own length, and above a few periods.
         width = 2 * size // most
         power[: _PERIODS * size // most] = 0.0
         peak = int(np.argmax(power))

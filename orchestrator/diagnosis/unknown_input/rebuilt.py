@@ -15,7 +15,6 @@ from ...base.errors import OrchestratorError
 from ...base.temporary_folders import scratch_folder
 from ...fmi import CompiledFmu, load_fmu
 from ...system.connection import Port
-from ...system.system import Instance
 from ...translate.build import check_options, compiled, model_identifier, translate
 from ...translate.opened import Opening, opened_model
 from ...translate.package import this_platform, write_fmu
@@ -73,7 +72,9 @@ def with_openings(study: PortStudy) -> PortStudy | None:
             built[fmu.path] = _opened(fmu, folder / f"{len(built)}")
         found = built.get(fmu.path) if isinstance(fmu, CompiledFmu) else None
         if found is not None:
-            one = _with_fmu(one, found[0])
+            about = found[0].description
+            through, initial = dict(about.feedthrough), dict(about.initial_feedthrough)
+            one = replace(one, fmu=found[0], feedthrough=through, initial_feedthrough=initial)
             openings |= {Port(one.name, each.name): each for each in found[1]}
         instances.append(one)
     if not openings:
@@ -103,9 +104,3 @@ def _opened(fmu: CompiledFmu, folder: Path) -> tuple[CompiledFmu, tuple[Opening,
         return load_fmu(model.with_suffix(".fmu")), openings
     except (OrchestratorError, ImportError):
         return None  # a model that cannot be built so is searched from outside only
-
-
-def _with_fmu(one: Instance, fmu: CompiledFmu) -> Instance:
-    about = fmu.description
-    initial = dict(about.initial_feedthrough) or dict(about.feedthrough)
-    return replace(one, fmu=fmu, feedthrough=dict(about.feedthrough), initial_feedthrough=initial)

@@ -29,7 +29,7 @@ SAMPLES, _SMALL = 1500, 1e-3
 # Share of the residual below which a law is not tried again.
 _FAINT = 0.05
 # Of a law that is not in proportion to its amplitude: begins that are simulated, and the predicted share of
-# the residual from which on they are.
+# the residual above which they are.
 _STARTS, _UNSEEN = 3, 0.005
 # Laws whose effects agree this well are one for the logs.
 _SAME = 0.9999
