@@ -20,8 +20,8 @@ from .tolerances import wide
 
 Signals = Mapping[Port, Array]
 
-# Misfit of a port, over the variance of its log, above which a mistake is sought. What the misfit may be after
-# the correction, and which share of the misfit before.
+# Misfit of a port, over the variance of its log, above which a mistake is sought. What the misfit may be
+# after the correction, and which share of the misfit before.
 _WRONG, _FITS, _ENOUGH = 0.25, 0.25, 0.1
 
 # Shares of a run, from its begin, that show in turn whether a mistake can explain it, and fewest samples.
