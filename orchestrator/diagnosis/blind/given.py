@@ -318,7 +318,8 @@ def given(path: Path) -> Given:
     """A system that laws can be hidden in: a study of ports, or a config.
 
     Of a config, inputs that nothing drives are driven. Outputs that nothing reads are compared, of components
-    with inputs; all, where every one is read. Parameters that it gives are calibrated to 2 %.
+    with inputs; all, where every one is read. Parameters that it gives are calibrated to 2 %, but for those
+    that cannot move so little, as a sample period that is a whole number of steps.
 
     Where components give no access to their states, start values vary that a config gives to compared
     outputs.
@@ -359,7 +360,26 @@ def given(path: Path) -> Given:
         port: Logged(column=str(port), noise=1.0 if port in compared else None) for port in (*fed, *compared)
     }
     study = PortStudy(path.stem, prepared, columns, tuple(fed), tuple(compared), nominal, 0, (), parts=parts)
-    return _given(study, path, False)
+    made = _given(study, path, False)
+    still = [name for k, name in enumerate(made.parameters) if not _moves(made, k)]
+    if still:
+        made.close()
+        nominal = {name: one for name, one in nominal.items() if name not in still}
+        made = _given(replace(study, nominal=nominal), path, False)
+    return made
+
+
+def _moves(made: Given, index: int) -> bool:
+    """Whether the system begins to run with a parameter that is moved by its tolerance."""
+    model, moved = made.model, made.nominal.copy()
+    moved[index] += model.tolerance[index]
+    at = [made.study.prepared.system.start(one) for one in model.fed]
+    rest = Drive(np.tile(np.array(at), (2, 1)), False, made.study.interval)
+    try:
+        made.simulate(rest, moved, made.start, (), np.full(len(made.states), np.inf))
+    except Lost:
+        return False
+    return True
 
 
 def _given(study: PortStudy, path: Path, is_study: bool) -> Given:
