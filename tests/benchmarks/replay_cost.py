@@ -33,7 +33,6 @@ from orchestrator.diagnosis.unknown_input.model import StateModel
 from orchestrator.diagnosis.unknown_input.places import Runs
 from orchestrator.diagnosis.unknown_input.played import PlayedModel
 from orchestrator.diagnosis.unknown_input.polish import Replays
-from orchestrator.fmi.bundled import find_system
 
 SYSTEMS = ("docking-1d", "docking-1d-uncompensated", "emps", "tank-level", "servo-compliant")
 SETS, ROUNDS = 64, 5
@@ -41,7 +40,7 @@ SETS, ROUNDS = 64, 5
 
 def study_of(system: str, folder: Path) -> PortStudy:
     """A study of a system that lacks nothing."""
-    held = given(find_system(system) or Path(system))
+    held = given(Path(system))
     try:
         case = make(1, held.draft, "none")
         held.write_system(folder)

@@ -30,6 +30,17 @@ def tanks() -> Any:
     return found
 
 
+def test_a_parameter_that_cannot_move_a_little_keeps_its_value() -> None:
+    """A sample period is a whole number of steps."""
+    found = given(Path("docking-1d"))
+    try:
+        assert "controller.sample_period" not in found.parameters and "contact.stiffness" in found.parameters
+        case = make(1, found.draft, "none")
+    finally:
+        found.close()
+    assert "controller.sample_period" not in case.truth["parameters"]
+
+
 def test_a_system_that_its_master_simulates_gives_what_run_gives() -> None:
     held, count = tanks(), 40
     try:
