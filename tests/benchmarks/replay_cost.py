@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -50,35 +50,30 @@ def study_of(system: str, folder: Path) -> PortStudy:
     return load_port_study(folder / "study.yaml")
 
 
-def seconds(call: Callable[[], Any], clock: Callable[[], float]) -> float:
-    """Median time of a call, after a first one."""
-    call()
+def seconds(calls: Sequence[Callable[[], Any]], clock: Callable[[], float]) -> float:
+    """Median time of calls, after the first one."""
     found = []
-    for _ in range(ROUNDS):
+    for call in calls:
         begin = clock()
         call()
         found.append(clock() - begin)
-    return median(found)
+    return median(found[1:])
 
 
 def costs(model: StateModel, study: PortStudy) -> tuple[float, float, float]:
     """Of one set, of one of 64, and of a derivative's column [us a step]."""
-    runs = Runs(model, study.runs[:1])
-    replays = Replays(runs, ())
+    replays = Replays(Runs(model, study.runs[:1]), ())
     steps = len(replays.data[0][2]) * study.parts
-    random = np.random.default_rng(0)
-    start = replays.starts[0]
-    sets = [model.nominal + 0.1 * model.tolerance * random.standard_normal(len(model.nominal))
-            for _ in range(SETS)]  # fmt: skip
-
-    def all_sets() -> None:
-        in_parallel([partial(replays.found, 0, start, one) for one in sets])
-
-    one = seconds(lambda: replays.found(0, start, model.nominal), process_time)
-    many = seconds(all_sets, perf_counter) / SETS
+    random, start = np.random.default_rng(0), replays.starts[0]
+    # What was simulated last may be kept: each call has numbers of its own.
+    away = 0.1 * random.standard_normal((SETS + 2 * ROUNDS, len(model.nominal)))
+    sets = list(model.nominal + away * model.tolerance)
+    tasks = [partial(replays.found, 0, start, one) for one in sets]
+    one = seconds(tasks[:ROUNDS], process_time)
+    column = seconds([partial(replays.sensitivity, each) for each in sets[ROUNDS : 2 * ROUNDS]], process_time)
+    many = seconds([partial(in_parallel, tasks[2 * ROUNDS :])] * ROUNDS, perf_counter)
     columns = len(model.nominal) + len(start)
-    column = seconds(lambda: replays.sensitivity(model.nominal), process_time) / columns
-    return tuple(1e6 * each / steps for each in (one, many, column))  # type: ignore[return-value]
+    return 1e6 * one / steps, 1e6 * many / steps / SETS, 1e6 * column / steps / columns
 
 
 def row(system: str) -> str:
@@ -86,7 +81,8 @@ def row(system: str) -> str:
     with tempfile.TemporaryDirectory() as folder:
         study = study_of(system, Path(folder))
         with PlayedModel(study) as model:
-            master, *_ = made = costs(model, study)
+            made = costs(model, study)
+        master = made[0]
         one = "-"
         try:
             with StateModel(study) as model:
