@@ -538,6 +538,9 @@ def test_the_same_law_elsewhere_that_explains_the_logs_as_well_is_no_rival(fmus:
     weighed = [Weighed(one, polished, 0.0) for one in friction]
     assert rivals_of(search, weighed, 0, 0.98, leaves=False)[0] > 0.85
     assert rivals_of(search, weighed, 1, 0.98, leaves=False)[0] == pytest.approx(0.49)
+    # A rare law is less likely than a usual one with as many numbers.
+    weighed = [fit_of(("dead zone",), 1.0, 0.0), fit_of(("backlash",), 1.0, 0.0)]
+    assert [rivals_of(search, weighed, k, 0.98, leaves=False)[0] > 0.85 for k in (0, 1)] == [True, False]
 
 
 @pytest.mark.parametrize("held", [False, True])

@@ -20,10 +20,11 @@ _HALF = 0.5
 # Nats that count as one. Learned on 92 laws of `orchestrator challenge --random 12200 --count 150` as 0.61,
 # with a weight of rivals beside it of 0.99.
 _TEMPERATURE = 0.6
-# Weight of a rival that holds the answer as a special case, as Stribeck's friction holds Coulomb's. It
-# explains the logs as well where the answer is right. Chosen among 0.1, 0.3, 0.5 and 1 on the seeds 12200 to
-# 12729.
-_WIDER = 0.1
+# Weight of a rival that is less likely before the logs are seen. It holds the answer as a special case, as
+# Stribeck's friction holds Coulomb's: chosen among 0.1, 0.3, 0.5 and 1 on the seeds 12200 to 12729. Or a rare
+# law is in it, but not in the answer: where the answer leaves noise, 11 of 12 such were right on the seeds
+# 12850 to 13749, stated with 45 to 75 % before.
+_UNUSUAL = 0.1
 # Standard deviation over a number, below which the simulation does not answer to the number.
 _IDLE = 1e-9
 # Nats within which the same laws at another place explain the logs as well.
@@ -149,7 +150,8 @@ def rivals_of(
     rivals = []
     for one, weight in merged.values():
         wider = _kind(one) == _kind(best) and _size(one) > _size(best)
-        rivals.append((one, min(weight, answer) * (_WIDER if wider else 1.0)))
+        unusual = wider or (_rare(one) and not _rare(best))
+        rivals.append((one, min(weight, answer) * (_UNUSUAL if unusual else 1.0)))
     whole = answer + sum(weight for _, weight in rivals)
     others = [(one, trust * weight / whole) for one, weight in rivals if one.laws]
     return trust * answer / whole, sorted(others, key=lambda each: -each[1]), elsewhere
