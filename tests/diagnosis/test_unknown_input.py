@@ -350,6 +350,20 @@ def test_the_likeliest_of_laws_that_act_the_same_takes_the_place_of_another(fmus
     assert curve.name in [one.name for one in search.twins[laws[0].name]]
 
 
+def test_a_rare_law_is_compared_with_the_usual_ones_of_its_family(fmus: Path) -> None:
+    """A spring that grows stiffer, whose gain curve was no candidate, since it acts like another law."""
+    study = load_port_study(logged(fmus, lambda x, v: -300.0 * x * abs(x)))
+    with StateModel(study) as model:
+        search = Search(Runs(model, study.of(Role.TRAIN, Role.VALIDATION)), lambda stage: None)
+        place = next(one for one in search.places if one.name == "spring.travel")
+        rare = next(one for one in readable(model, place, rare=True) if one.law.name == "gain above a level")
+        start = np.r_[search.base.constants, 0.1, 0.01]
+        found = search.rivals([search.fit([rare], start, search.base.starts)])
+        best = min(found, key=lambda one: one.remains)
+    assert [law.name for law in best.laws] == ["gain curve at spring.travel of spring.travel"]
+    assert best.remains < 1.2 < search.base.remains
+
+
 @pytest.mark.parametrize(("name", "at"), [("delay", "spring.travel"), ("lag", "mass.force")])
 def test_the_best_law_is_tried_elsewhere_and_others_at_its_place(fmus: Path, name: str, at: str) -> None:
     """A delay of the force, found as one of the spring's travel, or as another law of the force."""

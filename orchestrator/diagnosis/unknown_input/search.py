@@ -231,7 +231,9 @@ class Search(Fits):
                 if one.law is not law.law and (one.place, one.signal) == (law.place, law.signal)
             ]
             nearest = [one for each in here for one in imitating(self.runs, law, values, each)]
-            return [*elsewhere[:_BESIDE], *here[:_BESIDE], *nearest]
+            # The usual law of a rare one's family may be no candidate, since it acts like another law.
+            usual = kin_of(self.runs, law, values, operator.le) if law.law.rare else ()
+            return [*elsewhere[:_BESIDE], *here[:_BESIDE], *nearest, *usual]
 
         best = {len(one.laws): one for one in reversed(ranked) if one.laws}
         made: list[Fit] = []
@@ -405,7 +407,7 @@ def _others(model: StateModel, law: Candidate) -> list[Candidate]:
 def kin_of(
     runs: Runs, law: Candidate, numbers: Array, compare: Callable[[int, int], bool] = operator.eq
 ) -> list[Candidate]:
-    """Laws of the same family at the same place that read the same signal.
+    """Laws of the same family at the same place that read the same signal, but no rare ones.
 
     They begin with the numbers that they share with the law: by name, or by place and unit.
 
