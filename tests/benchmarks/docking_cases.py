@@ -158,7 +158,8 @@ def study_of(case: Path, out: Path) -> Path:
 def judged(truth: dict[str, Any], data: dict[str, Any]) -> tuple[bool, bool, str]:
     """Whether place and effect are named, and the answer in words.
 
-    A parameter that leaves its tolerance names its component.
+    A parameter that leaves its tolerance names its component. The same law elsewhere counts, too, if the
+    report says that it acts the same on these logs: an offset of the contact's force is one of the sensor.
     """
     laws = [(one["place"], one["family"], one["law"]) for one in data["laws"]]
     moved = [one.partition(" ")[0] for one in data["remarks"] if "leaves its tolerance" in one]
@@ -166,9 +167,10 @@ def judged(truth: dict[str, Any], data: dict[str, Any]) -> tuple[bool, bool, str
     if not laws:
         laws = [(name, name, name) for name in moved]
         said += moved
-    places = [
-        any(port.startswith(PORTS[place]) for port, *_ in laws) for place in truth["places"]
-    ]  # fmt: skip
+    twins = [one.partition(" of ")[0].rpartition(" at ") for one in data["same_on_these_logs"]]
+    ports = [port for port, *_ in laws]
+    ports += [port for name, _, port in twins if name in {law for *_, law in laws}]
+    places = [any(port.startswith(PORTS[place]) for port in ports) for place in truth["places"]]
     names = {family for _, family, _ in laws}
     known = [set(NAMES.get(effect, ())) for effect in (*truth["effects"], *truth["outside"])]
     if not truth["places"]:
