@@ -2,10 +2,11 @@
 
     python tests/benchmarks/blind_calibration.py FOLDER [FOLDER of other seeds]
 
-With the evidence e_i of each rival over the answer [nats], p = (1 - q) / (1 + r sum(exp(e_i / T))). The share
-q of laws that are wrong although no rival is near has two values: where the answer leaves little but noise on
-held-out runs, and where it leaves more. T, r and both q are the likeliest on the first folder. The counts are
-of all folders.
+With the evidence e_i of each rival over the answer [nats], p = (1 - q) / (1 + r sum(w_i exp(e_i / T))). The
+weight w_i is a tenth for a rival that is less likely before the logs are seen, else 1. The share q of laws
+that are wrong although no rival is near has two values: where the answer leaves little but noise on held-out
+runs, and where it leaves more. T, r and both q are the likeliest on the first folder. The counts are of all
+folders.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from __future__ import annotations
 import json
 import sys
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from orchestrator.diagnosis.blind.score import calibration_error
+from orchestrator.diagnosis.unknown_input.laws import library
 
 Array = NDArray[np.float64]
 # Residual over the noise, above which an answer leaves more than noise.
@@ -31,11 +33,18 @@ LEAVES = 1.2
 # Temperature and weight of a rival with which the verdicts were stated, and nats within which the same laws
 # elsewhere are no rival.
 TEMPERATURE, RIVAL, AS_LIKELY = 0.6, 1.0, 3.0
+# Weight of a rival that holds the answer as a special case, or has a rare law where the answer has none.
+UNUSUAL = 0.1
+LAWS = {one.name: one for one in library()}
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is stated: kind, probability, evidence of rivals over it [nats], what it leaves over the noise."""
+    """What is stated: kind, probability, rivals, whether it leaves more than noise.
+
+    Attributes:
+        rivals: evidence over it [nats] and weight of each, shape (n, 2).
+    """
 
     kind: str
     stated: float
@@ -52,6 +61,23 @@ def _kind(score: Mapping[str, Any], verdict: Mapping[str, Any]) -> str:
     return f"{score['verdict']}, {'more than noise' if score['remains'] > LEAVES else 'noise'} left"
 
 
+def _weight(rival: Sequence[Mapping[str, Any]], answer: Sequence[Mapping[str, Any]]) -> float:
+    """What a rival counts beside the answer, each as its laws."""
+
+    def kind(laws: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+        return sorted((one["family"], one["place"].removeprefix("der(").partition(".")[0]) for one in laws)
+
+    def size(laws: Sequence[Mapping[str, Any]]) -> int:
+        found = [LAWS[one["law"]] for one in laws]
+        return sum(len(one.numbers) + (1 if one.delay else one.states) for one in found)
+
+    def rare(laws: Sequence[Mapping[str, Any]]) -> bool:
+        return any(LAWS[one["law"]].rare for one in laws)
+
+    wider = kind(rival) == kind(answer) and size(rival) > size(answer)
+    return UNUSUAL if wider or (rare(rival) and not rare(answer)) else 1.0
+
+
 def verdicts(folder: Path) -> list[Verdict]:
     """Of a folder."""
     found = []
@@ -65,20 +91,22 @@ def verdicts(folder: Path) -> list[Verdict]:
         rivals = []
         # The files name the likeliest rivals only.
         for odds, rival in zip_longest(verdict["odds"], verdict["rivals"]):
-            nats = TEMPERATURE * (odds - np.log(RIVAL))
+            weight = _weight(rival["laws"], verdict["laws"]) if rival else 1.0
+            nats = TEMPERATURE * (odds - np.log(RIVAL * weight))
             others = sorted(one["law"] for one in rival["laws"]) if rival else []
             elsewhere = others == names and abs(nats) < AS_LIKELY
             if odds > -600.0 and (leaves or not elsewhere):
-                rivals.append(min(nats, 50.0))
+                rivals.append((min(nats, 50.0), weight))
         kind, stated = _kind(score, verdict), float(score["probability"])
         right, clear = bool(score["right"]), bool(score["clear"])
-        found.append(Verdict(kind, stated, np.array(rivals), leaves, right, clear))
+        found.append(Verdict(kind, stated, np.array(rivals).reshape(-1, 2), leaves, right, clear))
     return found
 
 
 def tempered(one: Verdict, temperature: float, weight: float, explained: float, left: float) -> float:
     """Probability of a law."""
-    rivals = weight * float(np.exp(np.minimum(one.rivals / temperature, 50.0)).sum())
+    nats, weights = one.rivals.T
+    rivals = weight * float((weights * np.exp(np.minimum(nats / temperature, 50.0))).sum())
     return (1.0 - (left if one.leaves else explained)) / (1.0 + rivals)
 
 

@@ -30,8 +30,9 @@ from .verdict import nearest_laws, verdict_on
 
 # Learned on random systems (`orchestrator challenge --random 11700 --count 51`, and 170 cases before):
 # how often answers are wrong that leave at most so many times the noise on held-out runs; and where more is
-# left, laws and "none".
-_NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR, _NOT_NONE = 1.2, 0.02, 0.4, 0.53
+# left, laws and "none". Such a "none" was wrong in 16 of 16 cases of the seeds 12561 to 13749, which hide
+# something small, and right for a measured motor.
+_NEAR_NOISE, _WRONG_NEAR, _WRONG_FAR, _NOT_NONE = 1.2, 0.02, 0.4, 0.8
 # Probability that the library lacks what is missing, unless held-out runs contradict the law that was found
 # before all stages were done (69 of 70 such were right on the seeds 12500 to 13549), or contradict laws that
 # close this share of the fitted residual: machines that lack several laws at once get this verdict, too, as
