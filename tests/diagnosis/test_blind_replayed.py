@@ -31,7 +31,7 @@ def tanks() -> Any:
 
 
 def test_a_parameter_that_cannot_move_a_little_keeps_its_value() -> None:
-    """A sample period is a whole number of steps."""
+    """A sample period counts steps."""
     found = given(Path("docking-1d"))
     try:
         assert "controller.sample_period" not in found.parameters and "contact.stiffness" in found.parameters

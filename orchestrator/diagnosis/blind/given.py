@@ -82,6 +82,11 @@ class Given(ABC):
     def at_rest(self, mean: Array, push: Acting | None = None) -> tuple[list[float], list[float]]:
         """See `Plant`."""
 
+    def undriven(self) -> Drive:
+        """Two samples of what drives the system, at its start values."""
+        at = [float(self.study.prepared.system.start(one)) for one in self.model.fed]
+        return Drive(np.tile(at, (2, 1)), False, self.study.interval)
+
     def close(self) -> None:
         """Free the FMUs."""
         self.model.__exit__()
@@ -207,9 +212,7 @@ class Replayed(Given):
         self._players: dict[bool, Player] = {}
         self.start = np.zeros(len(self.states))
         self.start[[self.states.index(one) for one in self.begun]] = model.start
-        at = [float(system.start(one)) for one in model.fed]
-        rest = Drive(np.tile(at, (2, 1)), False, self.study.interval)
-        self.start = self.simulate(rest, self.nominal, self.start, (), np.ones(len(self.states)))[
+        self.start = self.simulate(self.undriven(), self.nominal, self.start, (), np.ones(len(self.states)))[
             0, : len(self.states)
         ]
 
@@ -319,7 +322,7 @@ def given(path: Path) -> Given:
 
     Of a config, inputs that nothing drives are driven. Outputs that nothing reads are compared, of components
     with inputs; all, where every one is read. Parameters that it gives are calibrated to 2 %, but for those
-    that cannot move so little, as a sample period that is a whole number of steps.
+    that cannot move so little, such as a sample period, which counts steps.
 
     Where components give no access to their states, start values vary that a config gives to compared
     outputs.
@@ -371,12 +374,10 @@ def given(path: Path) -> Given:
 
 def _moves(made: Given, index: int) -> bool:
     """Whether the system begins to run with a parameter that is moved by its tolerance."""
-    model, moved = made.model, made.nominal.copy()
-    moved[index] += model.tolerance[index]
-    at = [made.study.prepared.system.start(one) for one in model.fed]
-    rest = Drive(np.tile(np.array(at), (2, 1)), False, made.study.interval)
+    moved = made.nominal.copy()
+    moved[index] += made.model.tolerance[index]
     try:
-        made.simulate(rest, moved, made.start, (), np.full(len(made.states), np.inf))
+        made.simulate(made.undriven(), moved, made.start, (), np.full(len(made.states), np.inf))
     except Lost:
         return False
     return True
