@@ -14,9 +14,8 @@ from __future__ import annotations
 import json
 import sys
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -25,17 +24,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from orchestrator.diagnosis.blind.score import calibration_error
-from orchestrator.diagnosis.unknown_input.laws import library
 
 Array = NDArray[np.float64]
 # Residual over the noise, above which an answer leaves more than noise.
 LEAVES = 1.2
-# Temperature and weight of a rival with which the verdicts were stated, and nats within which the same laws
-# elsewhere are no rival.
-TEMPERATURE, RIVAL, AS_LIKELY = 0.6, 1.0, 3.0
-# Weight of a rival that holds the answer as a special case, or has a rare law where the answer has none.
-UNUSUAL = 0.1
-LAWS = {one.name: one for one in library()}
 
 
 @dataclass(frozen=True)
@@ -61,23 +53,6 @@ def _kind(score: Mapping[str, Any], verdict: Mapping[str, Any]) -> str:
     return f"{score['verdict']}, {'more than noise' if score['remains'] > LEAVES else 'noise'} left"
 
 
-def _weight(rival: Sequence[Mapping[str, Any]], answer: Sequence[Mapping[str, Any]]) -> float:
-    """What a rival counts beside the answer, each as its laws."""
-
-    def kind(laws: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
-        return sorted((one["family"], one["place"].removeprefix("der(").partition(".")[0]) for one in laws)
-
-    def size(laws: Sequence[Mapping[str, Any]]) -> int:
-        found = [LAWS[one["law"]] for one in laws]
-        return sum(len(one.numbers) + (1 if one.delay else one.states) for one in found)
-
-    def rare(laws: Sequence[Mapping[str, Any]]) -> bool:
-        return any(LAWS[one["law"]].rare for one in laws)
-
-    wider = kind(rival) == kind(answer) and size(rival) > size(answer)
-    return UNUSUAL if wider or (rare(rival) and not rare(answer)) else 1.0
-
-
 def verdicts(folder: Path) -> list[Verdict]:
     """Of a folder."""
     found = []
@@ -87,19 +62,10 @@ def verdicts(folder: Path) -> list[Verdict]:
             continue
         verdict = json.loads((path.parent / "verdict.json").read_text(encoding="utf-8"))
         leaves = score["remains"] > LEAVES
-        names = sorted(one["law"] for one in verdict["laws"])
-        rivals = []
-        # The files name the likeliest rivals only.
-        for odds, rival in zip_longest(verdict["odds"], verdict["rivals"]):
-            weight = _weight(rival["laws"], verdict["laws"]) if rival else 1.0
-            nats = TEMPERATURE * (odds - np.log(RIVAL * weight))
-            others = sorted(one["law"] for one in rival["laws"]) if rival else []
-            elsewhere = others == names and abs(nats) < AS_LIKELY
-            if odds > -600.0 and (leaves or not elsewhere):
-                rivals.append((min(nats, 50.0), weight))
+        rivals = np.array(verdict["evidence"], float).reshape(-1, 2)
         kind, stated = _kind(score, verdict), float(score["probability"])
         right, clear = bool(score["right"]), bool(score["clear"])
-        found.append(Verdict(kind, stated, np.array(rivals).reshape(-1, 2), leaves, right, clear))
+        found.append(Verdict(kind, stated, rivals, leaves, right, clear))
     return found
 
 

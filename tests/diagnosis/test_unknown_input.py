@@ -18,6 +18,7 @@ import ports_bench
 import pytest
 import yaml
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 import orchestrator as orc
 from orchestrator.base.errors import ConfigError
@@ -27,7 +28,7 @@ from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.study.study import Role
 from orchestrator.diagnosis.unknown_input import effort
 from orchestrator.diagnosis.unknown_input.answer import answer
-from orchestrator.diagnosis.unknown_input.choice import choose_answer, rivals_of
+from orchestrator.diagnosis.unknown_input.choice import choose_answer, rivals_of, significant
 from orchestrator.diagnosis.unknown_input.corrected import write_corrected
 from orchestrator.diagnosis.unknown_input.diagnose import DiagnosedSystem
 from orchestrator.diagnosis.unknown_input.evaluation import Inserted, Kinds, Place
@@ -35,6 +36,7 @@ from orchestrator.diagnosis.unknown_input.fits import Weighed
 from orchestrator.diagnosis.unknown_input.law_fit import Candidate, Fitted, readable, spread_out, starts_of
 from orchestrator.diagnosis.unknown_input.laws import library
 from orchestrator.diagnosis.unknown_input.model import StateModel
+from orchestrator.diagnosis.unknown_input.open_run import transition
 from orchestrator.diagnosis.unknown_input.places import Runs, rank
 from orchestrator.diagnosis.unknown_input.played import LawEffect, PlayedModel
 from orchestrator.diagnosis.unknown_input.polish import Polished, Replays
@@ -484,6 +486,33 @@ def test_the_simpler_law_of_a_family_is_not_a_rare_one() -> None:
     assert choose_answer(FAR_OR_NOT, weighed) == 2
 
 
+@pytest.mark.parametrize(("remains", "chosen"), [(6.6, 0), (7.8, 2)])
+def test_a_rare_law_in_a_pair_needs_not_halve_what_a_pair_leaves_that_is_no_answer(
+    remains: float, chosen: int
+) -> None:
+    pairs = [
+        fit_of(("coulomb", "power curve"), remains, 120.0),
+        fit_of(("coulomb", "dead zone"), 11.0, 90.0),
+    ]
+    weighed = [*pairs, fit_of(("quadratic drag",), 15.0, 60.0), fit_of((), 30.0, 0.0)]
+    assert choose_answer(FAR_OR_NOT, weighed) == chosen
+
+
+def test_any_number_of_a_law_without_an_amplitude_shows_that_it_acts() -> None:
+    """The pivot of a power curve may be anything beside a free gain, but its exponent is known."""
+    fitted = fit_of(("coulomb", "power curve"), 1.0, 0.0).fitted
+    both, one, none = (0.1, 9.0, 9.0, 0.1), (9.0, 0.1, 0.1, 0.1), (0.1, 0.1, 9.0, 9.0)
+    for sigmas, acts in ((both, True), (one, False), (none, False)):
+        assert significant(replace(fitted, sigmas=np.array(sigmas))) is acts
+
+
+@pytest.mark.parametrize("damping", [0.5, 300.0, 1e6])
+def test_the_transition_over_a_step_is_exact_where_a_mode_is_faster(damping: float) -> None:
+    """As at the corner of dry friction, against a matrix exponential of SciPy."""
+    g = 0.02 * np.array([[0.0, 1.0, 0.0], [-40.0, -damping, 1e4], [0.0, 0.0, 0.0]])
+    np.testing.assert_allclose(transition(g, np.eye(3)), expm(g), atol=1e-3, rtol=1e-3)
+
+
 # Parameters leave their tolerances where the first one is 1.
 FAR_OR_NOT: Any = SimpleNamespace(far=lambda constants: np.flatnonzero(constants[:1]).tolist(), begins=[])
 
@@ -541,8 +570,8 @@ def test_the_same_law_elsewhere_that_explains_the_logs_as_well_is_no_rival(fmus:
     search: Any = SimpleNamespace(far=lambda constants: [])
 
     probability, rivals, elsewhere = rivals_of(search, weighed, 0, 0.98, leaves=False)
-    assert elsewhere == [fits[1]] and [one for one, _ in rivals] == [fits[2]]
-    assert probability + rivals[0][1] == pytest.approx(0.98) and probability > 0.7
+    assert elsewhere == [fits[1]] and [one.fitted for one in rivals] == [fits[2]]
+    assert probability + rivals[0].probability == pytest.approx(0.98) and probability > 0.7
     # What leaves more than noise may do so in different ways.
     less, rivals, elsewhere = rivals_of(search, weighed, 0, 0.98, leaves=True)
     assert less < probability and len(rivals) == 2 and not elsewhere

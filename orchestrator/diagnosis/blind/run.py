@@ -136,9 +136,10 @@ def _searched(folder: Path) -> dict[str, Any]:
         found = answer(study)
     except (OrchestratorError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         return {"error": f"{type(error).__name__}: {error}"}
-    # Unrounded, for calibration: the logarithm of each rival's probability over that of the answer.
-    odds = [float(np.log(max(share, 1e-300) / max(found.probability, 1e-300))) for _, share in found.rivals]
-    return {**data_of(found), "odds": odds, "processor_seconds": round(_processor_seconds() - begin, 1)}
+    # Of all rivals, for calibration.
+    evidence = [[one.nats, one.weight] for one in found.rivals]
+    spent = round(_processor_seconds() - begin, 1)
+    return {**data_of(found), "evidence": evidence, "processor_seconds": spent}
 
 
 def _processor_seconds() -> float:

@@ -14,7 +14,7 @@ from ...base.errors import ConfigError
 from ...system.connection import Port
 from ...translate.opened import Opening
 from ..study.study import PortStudy, Role
-from .choice import choose_answer, rivals_of
+from .choice import Rival, choose_answer, rivals_of
 from .effort import Effort
 from .fits import Weighed
 from .held_out_replay import closed, replayed
@@ -26,7 +26,7 @@ from .rebuilt import with_openings
 from .search import Search
 from .separate import Experiment, FittedAnswer, separating
 from .thinning import thinned, without_outliers
-from .verdict import nearest_laws, verdict_on
+from .verdict import further_law, nearest_laws, verdict_on
 
 # Learned on random systems (`orchestrator challenge --random 11700 --count 51`, and 170 cases before):
 # how often answers are wrong that leave at most so many times the noise on held-out runs; and where more is
@@ -56,7 +56,7 @@ class Answer:
     Attributes:
         verdict: "none", "law", or "outside": something that no law of the library explains.
         fitted: the laws of the answer, or the nearest ones. probability: of the verdict.
-        rivals: others with their probabilities, best first. twins: laws that act the same on these logs.
+        rivals: what may be right instead, likeliest first. twins: laws that act the same on these logs.
         experiments: that separate the answer from these.
         parameters: calibrated, by name: value and standard deviation; those of the model alone, if no law.
         places: where an unknown input explains the logs, best first. estimate: w there and the signals.
@@ -71,7 +71,7 @@ class Answer:
     verdict: str
     fitted: Fitted | None
     probability: float
-    rivals: list[tuple[Fitted, float]]
+    rivals: list[Rival]
     twins: list[Candidate]
     parameters: dict[str, tuple[float, float]]
     places: list[Ranked]
@@ -189,6 +189,8 @@ def _judged(
     if verdict == "outside" and named is None:
         named, hint = nearest_laws(held, weighed, calibrated.remains)
         remarks += hint
+    if verdict == "law" and judged.remains > _NEAR_NOISE:
+        remarks += further_law(held, weighed, chosen, judged.remains)
     twins = [two for one in best.laws for two in search.twins.get(one.name, [])]
     known = {one.name for one in (*best.laws, *twins)}
     twins += {law.name: law for one in elsewhere for law in one.laws if law.name not in known}.values()
@@ -204,11 +206,10 @@ def _judged(
     remains = judged.remains if verdict == "law" else calibrated.remains
     ports = (*model.states, *model.inputs, *model.outputs, *model.parameters)
     units = {str(port): study.unit(port) for port in ports}
-    separable = [*((one, 1.0) for one in elsewhere), *rivals] if verdict == "law" else []
     return Answer(
         verdict, named, probability, rivals, twins, parameters, places, estimate,
         gap.remains, calibrated.remains, remains, closed(gap.remains, remains), shares[0], traces,
-        _experiments(search, weighed, chosen, separable) if verdict == "law" else [], units, remarks,
+        _experiments(search, weighed, chosen, elsewhere, rivals) if verdict == "law" else [], units, remarks,
         held_out=[run.name for run in unseen],
     )  # fmt: skip
 
@@ -230,12 +231,13 @@ def _outside(
 
 def _experiments(
     search: Search, weighed: Sequence[Weighed], chosen: int,
-    rivals: Sequence[tuple[Fitted, float]],
+    elsewhere: Sequence[Fitted], rivals: Sequence[Rival],
 ) -> list[Experiment]:  # fmt: skip
     """What separates the answer from likely rivals, and from laws that act the same on these logs."""
     search.model.study = search.study
     best, found, _ = weighed[chosen]
-    likely = {id(one) for one, chance in rivals[:_RIVALS] if chance > _LIKELY}
+    probable = [one.fitted for one in rivals if one.probability > _LIKELY]
+    likely = {id(one) for one in [*elsewhere, *probable][:_RIVALS]}
     others = [
         FittedAnswer(one.laws, two.constants, two.starts) for one, two, _ in weighed if id(one) in likely
     ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,21 @@ _IDLE = 1e-9
 _AS_LIKELY = 3.0
 
 
+class Rival(NamedTuple):
+    """Laws that may be right instead of the answer.
+
+    Attributes:
+        fitted: the laws. probability: of them.
+        nats: their evidence over that of the answer, at most 0.
+        weight: how likely they are beside the answer before the logs are seen.
+    """
+
+    fitted: Fitted
+    probability: float
+    nats: float
+    weight: float
+
+
 def choose_answer(search: Search, weighed: Sequence[Weighed]) -> int:
     """Index of the answer.
 
@@ -49,44 +64,42 @@ def choose_answer(search: Search, weighed: Sequence[Weighed]) -> int:
             remains = max([remains, *(one.polished.remains for one in search.begins)])
         return closed(remains, weighed[after].polished.remains, 0.0)
 
-    best: dict[int, int] = {}
-    for count in {len(one.laws) for one, *_ in weighed}:
+    def best_of(ranked: Sequence[int]) -> int:
+        """The first one within the tolerances, unless the first of all halves what it leaves."""
+        near = [k for k in ranked if not search.far(weighed[k].polished.constants)]
+        return near[0] if near and closed_share(near[0], ranked[0]) <= _HALF else ranked[0]
+
+    def enough(before: int, after: int) -> bool:
+        """Whether laws explain enough of what an answer with fewer leaves."""
+        one, two = weighed[before], weighed[after]
+        pair = len(two.fitted.laws) == 2
+        far, still = (search.far(each.polished.constants) for each in (one, two))
+        if two.evidence - one.evidence <= LEAST:
+            return False
+        if pair and not one.fitted.laws and two.polished.remains > SECOND:
+            return False
+        if pair and one.fitted.laws and one.polished.remains < SECOND:
+            # One law explains the logs, unless it needs what the tolerances do not allow.
+            return bool(far) and not still
+        # What calibration explains only by parameters beyond their tolerances, a law explains without.
+        needless = not pair and bool(far) and not still
+        return needless or closed_share(before, after) >= (_SECOND_CLOSES if pair else _FIRST_CLOSES)
+
+    chosen = next(k for k, one in enumerate(weighed) if not one.fitted.laws)
+    for count in (1, 2):
         ranked = [
             k for k, one in enumerate(weighed)
             if len(one.fitted.laws) == count and significant(one.fitted)
         ]  # fmt: skip
-        if not ranked:
-            continue
         usual = [k for k in ranked if not _rare(weighed[k].fitted)]
-        share = _SECOND_CLOSES if count == 2 else _FIRST_CLOSES
-        if usual and closed_share(usual[0], ranked[0]) <= share:
-            ranked = usual
-        near = [k for k in ranked if not search.far(weighed[k].polished.constants)]
-        best[count] = (near or ranked)[0]
-        if near and closed_share(near[0], ranked[0]) > _HALF:
-            best[count] = ranked[0]
-    chosen = best[0]
-    for count in (1, 2):
-        if count in best:
-            before, after = weighed[chosen], weighed[best[count]]
-            gain = after.evidence - before.evidence
-            if count == 2 and not before.fitted.laws and after.polished.remains > SECOND:
-                continue
-            share = _SECOND_CLOSES if count == 2 else _FIRST_CLOSES
-            if count == 2 and len(before.fitted.laws) == 1 and before.polished.remains < SECOND:
-                # One law explains the logs, unless it needs what the tolerances do not allow.
-                far, still = (search.far(one.polished.constants) for one in (before, after))
-                if gain > LEAST and far and not still:
-                    chosen = best[count]
-                continue
-            # What calibration explains only by parameters beyond their tolerances, a law explains without.
-            needless = (
-                count == 1
-                and search.far(before.polished.constants)
-                and not search.far(after.polished.constants)
-            )
-            if gain > LEAST and (needless or closed_share(chosen, best[count]) >= share):
-                chosen = best[count]
+        if usual:
+            gain = closed_share(usual[0], ranked[0])
+            # Usual laws that are no answer need not be halved by rare ones.
+            short = count == 2 and not enough(chosen, best_of(usual))
+            if gain <= (_SECOND_CLOSES if count == 2 and not short else _FIRST_CLOSES):
+                ranked = usual
+        if ranked and enough(chosen, best_of(ranked)):
+            chosen = best_of(ranked)
     answer = weighed[chosen]
     simpler = [
         k for k, one in enumerate(weighed)
@@ -113,18 +126,22 @@ def _kind(one: Fitted) -> tuple[tuple[str, int], ...]:
 
 
 def significant(one: Fitted) -> bool:
-    """Whether the first number of each of two laws differs from 0 by more than three standard deviations.
+    """Whether a number of each of two laws differs from 0 by more than three standard deviations.
 
-    A number that the simulation does not answer to has none to speak of.
+    The amplitude, where a law has one. A number that the simulation does not answer to has none to speak of.
     """
     return len(one.laws) < 2 or all(
-        _IDLE * abs(values[0]) < sigmas[0] < abs(values[0]) / 3.0 for _, values, sigmas in one.by_law()
+        any(
+            _IDLE * abs(value) < sigma < abs(value) / 3.0
+            for value, sigma in zip(*(part[:1] if law.law.linear else part for part in parts), strict=True)
+        )
+        for law, *parts in one.by_law()
     )
 
 
 def rivals_of(
     search: Search, weighed: Sequence[Weighed], chosen: int, trust: float, leaves: bool
-) -> tuple[float, list[tuple[Fitted, float]], list[Fitted]]:
+) -> tuple[float, list[Rival], list[Fitted]]:
     """Probability of the answer among those with as many laws; others with theirs; the same laws elsewhere.
 
     Args:
@@ -151,10 +168,13 @@ def rivals_of(
     for one, weight in merged.values():
         wider = _kind(one) == _kind(best) and _size(one) > _size(best)
         unusual = wider or (_rare(one) and not _rare(best))
-        rivals.append((one, min(weight, answer) * (_UNUSUAL if unusual else 1.0)))
-    whole = answer + sum(weight for _, weight in rivals)
-    others = [(one, trust * weight / whole) for one, weight in rivals if one.laws]
-    return trust * answer / whole, sorted(others, key=lambda each: -each[1]), elsewhere
+        rivals.append((one, min(weight / answer, 1.0), _UNUSUAL if unusual else 1.0))
+    whole = 1.0 + sum(odds * weight for _, odds, weight in rivals)
+    others = [
+        Rival(one, trust * odds * weight / whole, _TEMPERATURE * float(np.log(max(odds, 1e-300))), weight)
+        for one, odds, weight in rivals if one.laws
+    ]  # fmt: skip
+    return trust / whole, sorted(others, key=lambda each: -each.probability), elsewhere
 
 
 def _names(one: Fitted) -> list[str]:

@@ -20,6 +20,8 @@ from .model import StateModel
 Array = NDArray[np.float64]
 # States beyond it have run away; FMUs would complain of each infinite number that follows.
 _AWAY = 1e100
+# Most times that the argument of an exponential is halved.
+_HALVED = 40
 
 
 @njit(allocates=False)
@@ -135,8 +137,23 @@ class Tangent:
 
 @njit()
 def transition(g, eye):
-    """exp(g) to the fourth order, as a step of RK4 has it."""
-    return eye + g @ (eye + g @ (eye / 2.0 + g @ (eye / 6.0 + g / 24.0)))
+    """exp(g) to the fourth order, as a step of RK4 has it, of a part of g that is small enough.
+
+    At the corner of a law such as dry friction, a mode may be faster than a step. Its series would grow.
+    """
+    fastest = 0.0
+    for i in range(len(g)):
+        for j in range(i + 1):
+            fastest = max(fastest, abs(g[i, j] * g[j, i]))
+    halved = 0
+    while fastest > 1.0 and halved < _HALVED:
+        fastest /= 4.0
+        halved += 1
+    part = g / 2.0**halved
+    one = eye + part @ (eye + part @ (eye / 2.0 + part @ (eye / 6.0 + part / 24.0)))
+    for _ in range(halved):
+        one = one @ one
+    return one
 
 
 @njit()
@@ -202,18 +219,22 @@ def _sensitive(rows, wiring, z, n, ext, held, h, sub, acts, signals, delta, nu, 
 @njit()
 def _between(a, sub, h, onward, first, last):
     """Transition over a sample, and the effect of what changes linearly within it; see `Tangent`."""
-    d = h / sub
-    eye = np.eye(len(a))
-    g = a * d
-    one = transition(g, eye)
-    whole = d * (eye + g @ (eye / 2.0 + g @ (eye / 6.0 + g / 24.0)))
-    rising = d * (eye / 2.0 + g @ (eye / 6.0 + g / 24.0))
-    onward[:] = eye
+    m, d = len(a), h / sub
+    # The exponential of this matrix holds the integrals of that of its first block, too.
+    g = np.zeros((3 * m, 3 * m))
+    g[:m, :m] = a * d
+    for j in range(m):
+        g[j, m + j] = d
+        g[m + j, 2 * m + j] = 1.0
+    blocks = transition(g, np.eye(3 * m))
+    one, rising = blocks[:m, :m].copy(), blocks[:m, 2 * m :].copy()
+    falling = blocks[:m, m : 2 * m] - rising
+    onward[:] = np.eye(m)
     for j in range(sub):
         begin, end = j / sub, (j + 1) / sub
         onward[:] = one @ onward
-        first[:] = one @ first + (whole - rising) * (1.0 - begin) + rising * (1.0 - end)
-        last[:] = one @ last + (whole - rising) * begin + rising * end
+        first[:] = one @ first + falling * (1.0 - begin) + rising * (1.0 - end)
+        last[:] = one @ last + falling * begin + rising * end
 
 
 @njit()

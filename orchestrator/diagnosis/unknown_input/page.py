@@ -56,9 +56,9 @@ def page(name: str, found: Answer) -> str:
         body += [html.note(f"{law}: {text}") for law, text in sentences.items()]
     if data["rivals"]:
         rows = [
-            [" + ".join(law.name for law in one.laws), weighed["probability"]]
-            for (one, _), weighed in zip(found.rivals, data["rivals"], strict=False)
-        ]  # fmt: skip
+            [" + ".join(law.name for law in one.fitted.laws), weighed["probability"]]
+            for one, weighed in zip(found.rivals, data["rivals"], strict=False)
+        ]
         body.append(html.table(["rival", "probability"], rows, caption="Other answers"))
     if data["same_on_these_logs"]:
         body.append(html.aside("These act the same on these logs", data["same_on_these_logs"]))

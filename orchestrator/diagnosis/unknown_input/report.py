@@ -65,8 +65,8 @@ def data_of(found: Answer) -> dict[str, Any]:
             for name, (value, sigma) in found.parameters.items()
         },
         "rivals": [
-            {"laws": _laws(one, found.units), "probability": round(probability, 4)}
-            for one, probability in found.rivals[:5]
+            {"laws": _laws(one.fitted, found.units), "probability": round(one.probability, 4)}
+            for one in found.rivals[:5]
         ],
         "same_on_these_logs": [one.name for one in found.twins],
         "experiments": [
@@ -123,7 +123,7 @@ def _family(found: Answer) -> float:
 
     if found.fitted is None or found.verdict != "law":
         return found.probability
-    same = sum(chance for one, chance in found.rivals if kinds(one) == kinds(found.fitted))
+    same = sum(one.probability for one in found.rivals if kinds(one.fitted) == kinds(found.fitted))
     return min(1.0, found.probability + same)
 
 
@@ -141,9 +141,9 @@ def text_of(name: str, found: Answer) -> str:
         f"{found.calibrated:.3g} calibrated, {found.remains:.3g} with the answer"
     )
     others = [
-        f"{' + '.join(law.name for law in one.laws)} ({100 * probability:.0f} %)"
-        for one, probability in found.rivals[:3]
-        if probability > 0.01
+        f"{' + '.join(law.name for law in one.fitted.laws)} ({100 * one.probability:.0f} %)"
+        for one in found.rivals[:3]
+        if one.probability > 0.01
     ]
     if others:
         lines.append("  rivals: " + "; ".join(others))

@@ -9,7 +9,7 @@ from .fits import Weighed
 from .held_out_replay import closed, replayed
 from .law_fit import Fitted
 from .places import Runs
-from .search import Search
+from .search import LEAST, Search
 
 # Share of the gap on held-out runs that laws must close to be the answer, and to be named as the nearest.
 _CLOSES, _HINT = 0.5, 0.1
@@ -61,3 +61,28 @@ def nearest_laws(
         return None, []
     names = " + ".join(law.name for law in one.laws)
     return one, [f"The nearest laws close {100 * share:.0f} % of the calibrated gap there: {names}."]
+
+
+def further_law(held: Runs, weighed: Sequence[Weighed], chosen: int, remains: float) -> list[str]:
+    """A remark on two laws that leave less on held-out runs than one, but too much to be the answer.
+
+    Args:
+        remains: what the answer leaves there, over the noise.
+    """
+    answer = weighed[chosen]
+    more = [
+        one for one in weighed
+        if len(one.fitted.laws) > len(answer.fitted.laws) > 0 and significant(one.fitted)
+        and one.evidence > answer.evidence + LEAST
+    ]  # fmt: skip
+    if not more:
+        return []
+    one, fit, _ = more[0]
+    left = replayed(held, [law.inserted for law in one.laws], fit.constants).remains
+    if closed(remains, left) < _HINT:
+        return []
+    names = " + ".join(law.name for law in one.laws)
+    return [
+        f"Two laws leave {left:.3g} times the noise there instead of {remains:.3g}: {names}. "
+        "A second law has to halve what one leaves, so that they are not the answer."
+    ]
