@@ -26,7 +26,7 @@ from orchestrator.diagnosis.study.channels import outliers
 from orchestrator.diagnosis.study.player import Player
 from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.study.study import Role
-from orchestrator.diagnosis.unknown_input import effort
+from orchestrator.diagnosis.unknown_input import effort, verdict
 from orchestrator.diagnosis.unknown_input.answer import answer
 from orchestrator.diagnosis.unknown_input.choice import choose_answer, rivals_of, significant
 from orchestrator.diagnosis.unknown_input.corrected import write_corrected
@@ -478,6 +478,22 @@ def test_two_laws_of_which_neither_is_an_answer_have_to_explain_the_logs(remains
     """Two laws imitate much: what they leave shows that they are not what is missing."""
     begun = [fit_of((), 10.0, 0.0), fit_of(("saturation",), 9.0, 60.0)]
     assert choose_answer(FAR_OR_NOT, [*begun, fit_of(("saturation", "dead zone"), remains, 90.0)]) == chosen
+
+
+@pytest.mark.parametrize(
+    ("left", "nats", "reported"), [(6.0, 90.0, True), (8.9, 90.0, False), (6.0, 65.0, False)]
+)
+def test_two_laws_that_leave_less_than_the_answer_are_reported(
+    left: float, nats: float, reported: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """If held-out runs confirm it, and the evidence for the second law is clear."""
+    weighed = [fit_of(("coulomb", "dead zone"), 7.0, nats), fit_of(("coulomb",), 10.0, 60.0)]
+    monkeypatch.setattr(verdict, "replayed", lambda *_: SimpleNamespace(remains=left))
+    held: Any = None
+    remarks = verdict.further_law(held, weighed, 1, 9.0)
+    assert len(remarks) == reported
+    if reported:
+        assert "6 times the noise there instead of 9: coulomb at mass.force of" in remarks[0]
 
 
 def test_the_simpler_law_of_a_family_is_not_a_rare_one() -> None:
