@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from orchestrator.base.errors import BuildError
-from orchestrator.base.units import BASE_NAMES, Unit, UnitError, convert, parse_unit
+from orchestrator.base.units import BASE_NAMES, Unit, UnitError, convert, known_unit, parse_unit
 
 
 @dataclass
@@ -84,7 +84,14 @@ class UnitTable:
 
 
 def derivative_unit(unit: str) -> str:
-    """Name of the unit of a derivative: "m" -> "m/s", "m/s" -> "m/s2", "N/m" -> "N/(m.s)"; "" stays ""."""
+    """Name of the unit of a derivative: "m" -> "m/s", "m/s" -> "m/s2", "N/m" -> "N/(m.s)", "degC" -> "K/s".
+
+    "" where there is none, as for "" and "degF".
+    """
+    known = known_unit(unit)
+    if known is not None and known.offset:
+        # A rate of change has no origin.
+        unit = "K" if known.factor == 1 else ""
     if not unit:
         return ""
     numerator, slash, denominator = unit.partition("/")

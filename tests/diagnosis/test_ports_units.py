@@ -8,6 +8,7 @@ import pytest
 import yaml
 from ports_bench import change_log, checked, study
 
+from orchestrator.diagnosis.study.mistakes import wrong_factors
 from orchestrator.diagnosis.study.reader import load_port_study
 
 
@@ -23,11 +24,6 @@ def fed_too(folder, column):
     [
         (10.0, "10 times too large, as if logged in mm, not in cm"),
         (0.1, "10 times too small, as if it should be in mm, not in cm"),
-        (9.81, "9.81 times too large, as if logged in N, not in kgf"),
-        (180.0 / math.pi, "57.3 times too large, as if logged in deg, not in rad"),
-        (math.pi / 30.0, "9.549 times too small, as if it should be in rpm, not in rad/s"),
-        (2.0 * math.pi, "6.283 times too large, as if logged in rad, not in turns"),
-        (6e4, "6e+04 times too large, as if logged in L/min, not in m3/s"),
     ],
 )
 def test_a_column_in_another_unit_is_reported_with_both(tmp_path, factor, reported):
@@ -37,6 +33,25 @@ def test_a_column_in_another_unit_is_reported_with_both(tmp_path, factor, report
             columns["drive.position"] *= factor
     (found,) = checked(load_port_study(tmp_path))[0]
     assert found.place.endswith("drive.position") and reported in found.remedy
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "reported"),
+    [
+        ("N", 9.81, "9.81 times too large, as if logged in N, not in kgf"),
+        ("rad", 180.0 / math.pi, "57.3 times too large, as if logged in deg, not in rad"),
+        ("rad/s", math.pi / 30.0, "9.549 times too small, as if it should be in rpm, not in rad/s"),
+        ("rad", 2.0 * math.pi, "6.283 times too large, as if logged in rad, not in turns"),
+        ("m3/s", 6e4, "6e+04 times too large, as if logged in L/min, not in m3/s"),
+        ("Pa", 1e5, "1e+05 times too large, as if logged in Pa, not in bar"),
+    ],
+)
+def test_a_unit_is_taken_for_others_of_its_dimension_only(unit, factor, reported):
+    """A speed that friction makes 4.45 times smaller is not logged in pounds-force."""
+    assert reported in dict(wrong_factors(own=unit))[factor]
+    # A number without a unit may be anything.
+    assert factor in dict(wrong_factors(own="1")) and factor not in dict(wrong_factors(own="K"))
+    assert not any("pounds" in remedy for _, remedy in wrong_factors(own="rad/s"))
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ from orchestrator.diagnosis.unknown_input.model import StateModel
 from orchestrator.diagnosis.unknown_input.open_run import transition
 from orchestrator.diagnosis.unknown_input.places import Runs, rank
 from orchestrator.diagnosis.unknown_input.played import LawEffect, PlayedModel
-from orchestrator.diagnosis.unknown_input.polish import Polished, Replays
+from orchestrator.diagnosis.unknown_input.polish import Polished, Replays, polished
 from orchestrator.diagnosis.unknown_input.report import text_of
 from orchestrator.diagnosis.unknown_input.response import Responses
 from orchestrator.diagnosis.unknown_input.score import scored
@@ -248,6 +248,26 @@ def test_a_gain_that_drifts_is_read(fmus: Path, tmp_path: Path) -> None:
     assert data["laws"][0]["numbers"]["change per time"]["value"] == pytest.approx(-0.03, rel=0.1)
     assert data["held_out"]["closed"] > 0.9
     assert "gain that drifts" in done.stdout
+
+
+def test_calibration_stays_within_what_the_fmu_allows(fmus: Path) -> None:
+    """What drives the mass would take a negative damping, which the FMU refuses."""
+    path = logged(fmus, lambda x, v: 2.5 * v)
+    text = path.read_text(encoding="utf-8")
+    path = path.with_name("damped.yaml")
+    damping = "  spring.damping: {tolerance: 5 N.s/m}"
+    path.write_text(text.replace("calibrated:", f"calibrated:\n{damping}"), encoding="utf-8")
+    study = load_port_study(path)
+    with StateModel(study) as model:
+        found = polished(Runs(model, study.of(Role.TRAIN)), (), model.nominal)
+        calibrated = dict(zip(map(str, model.parameters), found.constants.tolist(), strict=True))
+    assert 0.0 <= calibrated["spring.damping"] < 0.1 and found.remains > 2.0
+
+
+def test_nothing_is_missing_where_a_speed_is_defined(fmus: Path) -> None:
+    with StateModel(load_port_study(logged(fmus, lambda x, v: 0.0))) as model:
+        names = [one.name for one in model.places()]
+    assert "der(mass.velocity)" in names and "der(mass.position)" not in names
 
 
 def test_what_the_library_lacks_is_outside_and_drawn(fmus: Path, tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from scipy.integrate import solve_ivp
 
 from orchestrator.cli.main import main
 from orchestrator.translate.build import build
+from orchestrator.translate.declared_units import derivative_unit
 from orchestrator.translate.package import compile_library
 
 HERE = {"linux64": "x86_64-linux", "win64": "x86_64-windows", "darwin64": "x86_64-darwin"}.get(
@@ -415,3 +416,12 @@ def test_command_line(tmp_path, capsys, monkeypatch):
     assert capsys.readouterr().err == (
         "orchestrator: model.txt: cannot recognise the kind of this model; give a .mo or a .py file\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("unit", "derivative"),
+    [("m", "m/s"), ("m/s", "m/s2"), ("N/m", "N/(m.s)"), ("degC", "K/s"), ("degF", ""), ("", "")],
+)
+def test_a_derivative_has_a_unit_that_can_be_read(unit: str, derivative: str) -> None:
+    """A rate of change of a temperature has no origin."""
+    assert derivative_unit(unit) == derivative

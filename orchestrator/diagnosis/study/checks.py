@@ -387,7 +387,7 @@ def _factors(study: PortStudy, run: PortRun) -> Iterator[tuple[str, str, PortRun
     for ports in (*((port,) for port in run.logs), *shared):
         named = _named(ports)
         columns = [study.columns[port] for port in ports]
-        factors = (wrong_factors(one.sign, one.unit, pairs=True) for one in columns)
+        factors = (wrong_factors(one.sign, one.unit, study.unit(ports[0])) for one in columns)
         for same in zip(*factors, strict=True):
             logs = {port: run.logs[port] / factor for port, (factor, _) in zip(ports, same, strict=True)}
             yield named, same[0][1], _with(run, logs)

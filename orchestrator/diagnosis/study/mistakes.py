@@ -10,32 +10,33 @@ from itertools import permutations
 from pydantic import BaseModel, ConfigDict
 
 from ...base.errors import Problem
-from ...base.units import UnitError, convert, parse_unit
+from ...base.units import UnitError, convert, known_unit, parse_unit
 
-# What the unit of a column is taken for, by mistake, and the factor that this makes.
-_FACTORS = {
-    -1.0: "its sign is reversed",
-    1e3: "it is 1000 times too large, as if logged in thousandths of its unit",
-    1e-3: "it is 1000 times too small, as if logged in thousands of its unit",
-    1e6: "it is a million times too large, as if logged in millionths of its unit",
-    1e-6: "it is a million times too small, as if logged in millions of its unit",
-    39.37007874015748: "it is 39.37 times too large, as if logged in inches",
-    0.22480894309971052: "it is 4.45 times too small, as if logged in pounds-force",
+# What the unit of a column is taken for, by mistake, the factor that this makes, and units of what it may
+# happen to: none, to all.
+_FACTORS: dict[float, tuple[str, tuple[str, ...]]] = {
+    -1.0: ("its sign is reversed", ()),
+    1e3: ("it is 1000 times too large, as if logged in thousandths of its unit", ()),
+    1e-3: ("it is 1000 times too small, as if logged in thousands of its unit", ()),
+    1e6: ("it is a million times too large, as if logged in millionths of its unit", ()),
+    1e-6: ("it is a million times too small, as if logged in millions of its unit", ()),
+    39.37007874015748: ("it is 39.37 times too large, as if logged in inches", ("m", "m/s", "m/s2")),
+    0.22480894309971052: ("it is 4.45 times too small, as if logged in pounds-force", ("N",)),
 }
 
 # The same of any system's ports: units that a value was logged in and taken for, and the factor that this
 # makes. Of 9.81 and 10, which both may help, the one that fits best is reported.
-_PAIRS = {
-    10.0: "mm, not in cm",
-    100.0: "cm, not in m, or in percent, not in 1",
-    60.0: "1/min, not in 1/s, or in s, not in min",
-    180.0 / math.pi: "deg, not in rad",
-    2.0 * math.pi: "rad, not in turns, or in rad/s, not in Hz",
-    30.0 / math.pi: "rpm, not in rad/s",
-    6e4: "L/min, not in m3/s",
-    9.81: "N, not in kgf",
-    1e5: "Pa, not in bar",
-    6894.757293168361: "Pa, not in psi",
+_PAIRS: dict[float, tuple[str, tuple[str, ...]]] = {
+    10.0: ("mm, not in cm", ("m", "m/s", "m/s2")),
+    100.0: ("cm, not in m, or in percent, not in 1", ("m", "m/s", "m/s2", "1")),
+    60.0: ("1/min, not in 1/s, or in s, not in min", ("s", "1/s", "m/s", "rad/s", "K/s", "m3/s", "kg/s")),
+    180.0 / math.pi: ("deg, not in rad", ("rad", "rad/s", "rad/s2")),
+    2.0 * math.pi: ("rad, not in turns, or in rad/s, not in Hz", ("rad", "rad/s", "1/s")),
+    30.0 / math.pi: ("rpm, not in rad/s", ("rad/s",)),
+    6e4: ("L/min, not in m3/s", ("m3/s",)),
+    9.81: ("N, not in kgf", ("N", "N.m")),
+    1e5: ("Pa, not in bar", ("Pa",)),
+    6894.757293168361: ("Pa, not in psi", ("Pa",)),
 }
 
 # Scales of temperature, which differ by more than a factor.
@@ -57,23 +58,37 @@ class Mistake(Problem):
     """A problem of a run without which all fits; the remedy says so. The place is "run: column"."""
 
 
-def wrong_factors(sign: int = 1, unit: str | None = None, pairs: bool = False) -> Iterator[tuple[float, str]]:
+def wrong_factors(
+    sign: int = 1, unit: str | None = None, own: str | None = None
+) -> Iterator[tuple[float, str]]:
     """Factors by which a column may be too large, its sign included, each with its remedy.
 
     Args:
         sign, unit: that a study file gives the column.
-        pairs: whether units that are no power of a thousand apart are meant, too.
+        own: unit in which its values stand by now, if units that are no power of a thousand apart are meant,
+            too: those that it may be taken for.
     """
     correct = _corrected(unit)
     turn = "Correct its values, or give `sign: -1` in a study file."
     if sign < 0:
         turn = "The study file says `sign: -1`: take that out."
-    for factor, text in _FACTORS.items():
-        yield factor, f"All fits if {text}. {turn if factor < 0.0 else correct}"
-    for factor, pair in _PAIRS.items() if pairs else ():
+    for factor, (text, units) in _FACTORS.items():
+        if _may_be(own, units):
+            yield factor, f"All fits if {text}. {turn if factor < 0.0 else correct}"
+    for factor, (pair, units) in _PAIRS.items() if own is not None else ():
+        if not _may_be(own, units):
+            continue
         yield factor, f"All fits if it is {factor:.4g} times too large, as if logged in {pair}. {correct}"
         less = f"it is {factor:.4g} times too small, as if it should be in {pair}"
         yield 1.0 / factor, f"All fits if {less}. {correct}"
+
+
+def _may_be(unit: str | None, units: Iterable[str]) -> bool:
+    """Whether a unit is one of these, up to a factor; so is one that nobody knows, or a bare number."""
+    known = None if unit is None else known_unit(unit)
+    if known is None or known == parse_unit("1") or not units:
+        return True
+    return any(known.same_dimension(parse_unit(one)) for one in units)
 
 
 def wrong_scales(own: str, unit: str | None = None) -> Iterator[tuple[float, float, str]]:

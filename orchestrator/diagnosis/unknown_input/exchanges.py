@@ -16,20 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.units import BASE_NAMES, UnitError, parse_unit
-from .evaluation import (
-    NX,
-    Kinds,
-    Place,
-    U,
-    X,
-    Y,
-    acts_of,
-    capacities,
-    evaluate,
-    past_of,
-    put_at,
-    slope,
-)
+from .evaluation import NX, Kinds, Place, U, X, Y, capacities, put_at, slope
+from .start_values import evaluate_at_start
 
 Array = NDArray[np.float64]
 
@@ -57,18 +45,6 @@ def exchanges(model: Any) -> list[Place]:
                     found.append(Place(name, Kinds.EXCHANGE, c, i, j, via, size, ratio))
                     break
     return found
-
-
-def evaluate_at_start(model: Any) -> None:
-    """Evaluate all components at their start values, which then stand where `slope` reads them."""
-    acts, signals = acts_of((), None, model.study.interval)
-    ext = np.array([float(model.study.prepared.system.start(one)) for one in model.fed])
-    none, rate = np.zeros(0), np.zeros(len(model.states))
-    u, y = np.zeros(len(model.inputs)), np.zeros(len(model.outputs))
-    evaluate(
-        model.rows, model.wiring, model.start, ext, model.nominal, 0.0, acts, 0.0, signals, none, none, u, y,
-        rate, none, *past_of(acts, 0),
-    )  # fmt: skip
 
 
 def _exponents(unit: str) -> Array:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...base.units import known_unit
 from .evaluation import NU, NX, NY, Kinds, Place, U, Y, answer_at, put_at
-from .exchanges import evaluate_at_start
+from .start_values import evaluate_at_start
 
 Array = NDArray[np.float64]
 # Parts by which states are moved to see whether an input acts the same elsewhere, and inputs to see how. A

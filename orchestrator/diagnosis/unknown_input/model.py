@@ -43,6 +43,7 @@ from .evaluation import (
 )
 from .exchanges import exchanges
 from .inside import inner_places
+from .start_values import speeds_by_definition
 
 Array = NDArray[np.float64]
 
@@ -143,11 +144,14 @@ class StateModel:
         self.parameters += [Port(one.name, name) for name in parameters]
 
     def _take_numbers(self) -> None:
-        """Values and tolerances of the parameters, and noise of what is compared, from the study."""
+        """Values, tolerances and limits of the parameters, and noise of what is compared."""
         study = self.study
         self.nominal = np.array([study.nominal[str(one)].value for one in self.parameters])
         self.tolerance = np.array([study.nominal[str(one)].tolerance for one in self.parameters])
         self.noise = np.array([study.columns[one].noise for one in self.compared], np.float64)
+        declared = [study.prepared.system.variable(one) for one in self.parameters]
+        self.least = np.array([-np.inf if one.minimum is None else one.minimum for one in declared])
+        self.most = np.array([np.inf if one.maximum is None else one.maximum for one in declared])
 
     def _plan(self, one: Instance, nominal: set[Port], problems: list[Problem]) -> Any:
         fmu = one.fmu
@@ -318,12 +322,13 @@ class StateModel:
 
     def places(self) -> list[Place]:
         """Every input, derivative, output, pair of states and inner equation on which an input can act."""
-        found = []
+        found, defined = [], speeds_by_definition(self) if self.filters else set()
         for c, row in enumerate(self.rows):
             found += [Place(str(self.inputs[i]), Kinds.INPUT, c, i) for i in self.inputs_of(row)]
             found += [
-                Place(f"der({self.states[i]})", Kinds.RATE, c, i) for i in range(row[X], row[X] + row[NX])
-            ]
+                Place(f"der({self.states[i]})", Kinds.RATE, c, i)
+                for i in range(row[X], row[X] + row[NX]) if i not in defined
+            ]  # fmt: skip
             found += [Place(str(self.outputs[i]), Kinds.OUTPUT, c, i) for i in self.outputs_of(row)]
         return [*found, *exchanges(self), *inner_places(self)] if self.filters else found
 

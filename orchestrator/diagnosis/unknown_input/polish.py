@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,6 +206,9 @@ def polished(
     scales = np.concatenate([size[:nc], *([replays.scale] * len(replays.starts))])
     begin = np.concatenate([constants[:nc], *replays.starts]) / scales
     free = np.concatenate([np.arange(0 if fixed else np_), np.arange(nc, len(begin))])
+    limits = np.full(len(begin), -np.inf), np.full(len(begin), np.inf)
+    if not fixed:
+        limits[0][:np_], limits[1][:np_] = model.least / size[:np_], model.most / size[:np_]
     now = replays.residual(constants)
 
     def apart(theta: Array) -> tuple[Array, list[Array]]:
@@ -229,10 +233,15 @@ def polished(
             known[:] = [replays.sensitivity(*apart(theta), size, fixed, exact, before)]
             return np.vstack([weight * known[0], bounds])
 
+        fit = partial(
+            least_squares, function, jac=jacobian, max_nfev=trials, xtol=1e-5, ftol=1e-4, x_scale="jac"
+        )
         with np.errstate(all="ignore"):  # where all that is tried runs away, or changes nothing
-            best = least_squares(
-                function, begin, jacobian, max_nfev=trials, xtol=1e-5, ftol=1e-4, x_scale="jac"
-            )
+            best = fit(begin)
+            inside = np.clip(best.x, *limits)
+            if not np.array_equal(inside, best.x):
+                # Few fits leave what the FMU allows; without bounds, the others take fewer steps.
+                best = fit(np.clip(begin, *limits), bounds=limits)
         now, begin = best.fun[: len(now)] / weight, best.x
         if fixed or weight**2 >= 1.0 / 1.5:
             break

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from ...translate.declared_units import derivative_unit
 from .answer import Answer
 from .law_fit import Fitted
 
@@ -30,13 +31,12 @@ def _laws(one: Fitted, units: Mapping[str, str]) -> list[dict[str, Any]]:
 
 
 def _unit(place: str, units: Mapping[str, str]) -> str:
-    """The unit at a place, per second at the derivative of a state."""
+    """The unit at a place, of the derivative where a law acts on the derivative of a state."""
     first, exchange, _ = place.partition(" to ")
     if exchange:
         place = f"der({first})"
     if place.startswith("der("):
-        inner = units.get(place[4:-1], "1")
-        return f"({inner})/s" if "/" in inner else f"{inner}/s"
+        return derivative_unit(units.get(place[4:-1], "1"))
     return units.get(place, "1")
 
 

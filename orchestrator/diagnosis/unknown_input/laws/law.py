@@ -22,18 +22,18 @@ _DIMENSIONS = {
     "current": ("A",),
 }  # fmt: skip
 # Places where something can flow off, or through.
-_FLOWS = ("flow", "rate", "number", "temperature", "pressure", "")
+_FLOWS = ("flow", "rate", "number", "share", "temperature", "pressure", "")
 _PLACES = {"force": ("force", "number"), "flow": _FLOWS, "electric": ("electric",)}
 
 
 @cache
 def _measured(unit: str) -> tuple[str, ...]:
-    """All that a unit measures: keys of `_DIMENSIONS`, or "number"."""
+    """All that a unit measures: keys of `_DIMENSIONS`; "number", which may be anything; or "share": %."""
     found = known_unit(unit)
     if found is None:
         return ()
     if not any(found.exponents):
-        return ("number",)
+        return ("number" if found.factor == 1 else "share",)
     return tuple(
         what
         for what, units in _DIMENSIONS.items()
@@ -42,7 +42,7 @@ def _measured(unit: str) -> tuple[str, ...]:
 
 
 def dimension(unit: str) -> str:
-    """What a unit measures: a key of `_DIMENSIONS` ("force" is a torque, too), "number", or ""."""
+    """What a unit measures: a key of `_DIMENSIONS` ("force" is a torque, too), "number", "share", or ""."""
     return next(iter(_measured(unit)), "")
 
 

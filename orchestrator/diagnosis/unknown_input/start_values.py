@@ -1,0 +1,58 @@
+"""Evaluate components at their start values and beside them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...base.units import known_unit, parse_unit
+from .evaluation import NU, NX, X, acts_of, answer_at, evaluate, past_of, put_at
+
+# Change of the first variable, of the second one twice as much, and so on.
+_CHANGE = 1e-3
+_SPEEDS = [(parse_unit(one), parse_unit(f"{one}/s")) for one in ("m", "rad")]
+
+
+def evaluate_at_start(model: Any) -> None:
+    """Evaluate all components at their start values, which then stand where `slope` reads them."""
+    acts, signals = acts_of((), None, model.study.interval)
+    ext = np.array([float(model.study.prepared.system.start(one)) for one in model.fed])
+    none, rate = np.zeros(0), np.zeros(len(model.states))
+    u, y = np.zeros(len(model.inputs)), np.zeros(len(model.outputs))
+    evaluate(
+        model.rows, model.wiring, model.start, ext, model.nominal, 0.0, acts, 0.0, signals, none, none, u, y,
+        rate, none, *past_of(acts, 0),
+    )  # fmt: skip
+
+
+def speeds_by_definition(model: Any) -> set[int]:
+    """States that are positions, and whose derivative is another state of the component, their speed.
+
+    No physics can be missing there, as in der(angle) = speed.
+
+    Args:
+        model: a `StateModel`, which asks for them.
+    """
+    evaluate_at_start(model)
+    found = set()
+    for row in model.rows:
+        moved = range(row[NX] + row[NU])
+        before = [put_at(row, k, _CHANGE * (k + 1), True) for k in moved]
+        for k in range(row[NX]):
+            for other in range(row[NX]):
+                units = (model.study.unit(model.states[row[X] + j]) for j in (k, other))
+                if _is_speed(*units) and answer_at(row, k) == put_at(row, other, 0.0, True):
+                    found.add(int(row[X] + k))
+        for k, value in zip(moved, before, strict=True):
+            put_at(row, k, value, False)
+    return found
+
+
+def _is_speed(position: str, other: str) -> bool:
+    """Whether a unit is that of a position, and the other that of its speed."""
+    units = known_unit(position), known_unit(other)
+    return any(
+        all(one is not None and one.same_dimension(two) for one, two in zip(units, pair, strict=True))
+        for pair in _SPEEDS
+    )
