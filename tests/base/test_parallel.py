@@ -2,12 +2,13 @@
 
 import os
 import sys
+import time
 from functools import partial
 
 import numpy as np
 import pytest
 
-from orchestrator.base.parallel import in_parallel
+from orchestrator.base.parallel import in_parallel, in_time
 
 
 def test_results_come_in_the_order_of_the_tasks():
@@ -36,3 +37,16 @@ def test_one_core_runs_the_tasks_here(monkeypatch):
     seen = []
     assert in_parallel([lambda: seen.append(1), lambda: seen.append(2)]) == [None, None]
     assert seen == [1, 2]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a task takes what it needs")
+def test_a_task_that_takes_too_long_gives_none():
+    begin = time.perf_counter()
+    assert in_time(partial(time.sleep, 600.0), 0.2) is None and time.perf_counter() - begin < 60.0
+    assert in_time(lambda: 3, 60.0) == 3
+
+    def fails():
+        raise ValueError("within time")
+
+    with pytest.raises(ValueError, match="within time"):
+        in_time(fails, 60.0)

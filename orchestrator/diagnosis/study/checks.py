@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from ...base.errors import Problem, SimulationEnded, StepError
+from ...base.parallel import in_time
 from ...system.connection import Port
 from .channels import clipped, frozen, is_stairs
 from .clocks import wrong_clocks
@@ -26,6 +27,8 @@ _WRONG, _FITS, _ENOUGH = 0.25, 0.25, 0.1
 
 # Shares of a run, from its begin, that show in turn whether a mistake can explain it, and fewest samples.
 _BEGINS, _FEWEST = (0.005, 0.02, 0.1, 0.4), 10
+# Seconds that these begins may take.
+_LONGEST = 10.0
 # A model that moves by no more times the noise is at rest.
 _REST = 3.0
 # A model runs away whose signal is so many times as large as anything in the log.
@@ -337,10 +340,10 @@ def _mistake(replay: Replay, run: PortRun, given: Signals) -> Mistake | None:
 
 
 def _hopeless(replay: Replay, run: PortRun, wrong: list[Port], most: float) -> bool:
-    """Whether a begin of a run alone leaves more than its misfits may be together.
+    """Whether a begin of a run alone leaves more than its misfits may be together, or takes too long.
 
-    A mistake that makes the model run away, as an inverted pendulum that falls, costs the integrators many
-    steps.
+    A mistake that makes the model run away, as an inverted pendulum that falls or a reaction that heats
+    itself, costs the integrators many steps.
     """
     settled = replay.study.settled
 
@@ -354,7 +357,10 @@ def _hopeless(replay: Replay, run: PortRun, wrong: list[Port], most: float) -> b
                 found += missed / (len(log) * max(float(np.var(log)), 1e-300))
         return found
 
-    return any(not left(settled + max(_FEWEST, int(share * len(run)))) < most for share in _BEGINS)
+    def lost() -> bool:
+        return any(not left(settled + max(_FEWEST, int(share * len(run)))) < most for share in _BEGINS)
+
+    return in_time(lost, _LONGEST) is not False
 
 
 def _drives(study: PortStudy, run: PortRun, other: PortRun) -> bool:

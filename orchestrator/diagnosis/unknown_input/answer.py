@@ -26,7 +26,7 @@ from .rebuilt import with_openings
 from .search import Search
 from .separate import Experiment, FittedAnswer, separating
 from .thinning import thinned, without_outliers
-from .verdict import further_law, nearest_laws, verdict_on
+from .verdict import confirmed, further_law, nearest_laws, verdict_on
 
 # Learned on random systems (`orchestrator challenge --random 11700 --count 51`, and 170 cases before):
 # how often answers are wrong that leave at most so many times the noise on held-out runs; and where more is
@@ -66,6 +66,7 @@ class Answer:
         units: of ports and parameters, by name. remarks: what the reader should know. seconds: taken.
         held_out: names of the held-out runs; if there are none, the fitted runs stand in for them.
         openings: inputs inside components; see `rebuilt.with_openings`.
+        left_out: stages that the search left out at its limit of work.
     """
 
     verdict: str
@@ -88,6 +89,7 @@ class Answer:
     seconds: float = 0.0
     held_out: list[str] = field(default_factory=list)
     openings: Mapping[Port, Opening] = field(default_factory=dict)
+    left_out: list[str] = field(default_factory=list)
 
 
 def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -> Answer:
@@ -101,10 +103,12 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
     with threadpool_limits(1):
         with _model(study, effort) as model:
             found, has_states = _answered(study, model, progress), model.filters
-        if has_states and found.remains > _NEAR_NOISE and effort.allows():
-            inside = _inside(study, effort, progress)
+        if has_states and found.remains > _NEAR_NOISE:
+            inside = _inside(study, effort, progress) if effort.allows() else None
             if inside is not None and inside.remains < _CLEARLY * found.remains:
                 found = inside
+            elif not effort.allows():
+                found.remarks.append("Equations inside components were not searched, or not to the end.")
     return replace(found, seconds=perf_counter() - begin)
 
 
@@ -137,7 +141,7 @@ def _answered(study: PortStudy, model: StateModel, progress: Callable[[str], Non
     made = _judged(study, model, search, weighed, chosen)
     if search.left_out:
         left_out.append(f"The search ended at its limit of work, without: {', '.join(search.left_out)}.")
-    return replace(made, remarks=[*left_out, *made.remarks])
+    return replace(made, remarks=[*left_out, *made.remarks], left_out=search.left_out)
 
 
 def _model(study: PortStudy, effort: Effort) -> StateModel:
@@ -153,21 +157,24 @@ def _judged(
     chosen: int,
 ) -> Answer:  # fmt: skip
     """The answer, judged on held-out runs with all their samples."""
-    best, found, _ = weighed[chosen]
     model.study = study
     unseen = study.of(Role.HELDOUT)
     held = Runs(model, unseen or study.of(Role.VALIDATION, Role.TRAIN))
     gap = replayed(held, (), model.nominal, as_configured=True)
     calibrated = replayed(held, (), search.base.constants)
+    before = calibrated.remains
+    if any(one.fitted.laws for one in weighed) and search.far(search.base.constants):
+        before = replayed(held, (), search.limited(search.base.constants)).remains
+    chosen, passed_over = confirmed(search, weighed, chosen, held, before)
+    best, found, _ = weighed[chosen]
     judged = (
         replayed(held, [one.inserted for one in best.laws], best.constants[0]) if best.laws else calibrated
     )
     traces = _traces(model, held, gap, calibrated, judged)
     shares = [one.remains / search.runs.logged_spread() for one in (found, search.base)]
-    before = calibrated.remains
-    if best.laws and search.far(search.base.constants):
-        before = replayed(held, (), search.limited(search.base.constants)).remains
-    verdict, remarks = verdict_on(search, best, closed(before, judged.remains), *shares)
+    closes = closed(before if best.laws else calibrated.remains, judged.remains)
+    verdict, remarks = verdict_on(search, best, closes, *shares)
+    remarks += passed_over
     doubtful = judged.remains > _NEAR_NOISE and (best.laws or verdict == "none")
     wrong = (_NOT_NONE if verdict == "none" else _WRONG_FAR) if doubtful else _WRONG_NEAR
     probability, rivals, elsewhere = rivals_of(search, weighed, chosen, 1.0 - wrong, bool(doubtful))

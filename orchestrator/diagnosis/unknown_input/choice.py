@@ -91,7 +91,7 @@ def choose_answer(search: Search, weighed: Sequence[Weighed]) -> int:
             k for k, one in enumerate(weighed)
             if len(one.fitted.laws) == count and significant(one.fitted)
         ]  # fmt: skip
-        usual = [k for k in ranked if not _rare(weighed[k].fitted)]
+        usual = [k for k in ranked if not rare(weighed[k].fitted)]
         if usual:
             gain = closed_share(usual[0], ranked[0])
             # Usual laws that are no answer need not be halved by rare ones.
@@ -105,12 +105,12 @@ def choose_answer(search: Search, weighed: Sequence[Weighed]) -> int:
         k for k, one in enumerate(weighed)
         if _kind(one.fitted) == _kind(answer.fitted) and _size(one.fitted) < _size(answer.fitted)
         and closed(one.polished.remains, answer.polished.remains) < _HALF
-        and (_rare(answer.fitted) or not _rare(one.fitted))
+        and (rare(answer.fitted) or not rare(one.fitted))
     ]  # fmt: skip
     return simpler[0] if simpler else chosen
 
 
-def _rare(one: Fitted) -> bool:
+def rare(one: Fitted) -> bool:
     """Whether a rare law is among the laws."""
     return any(law.law.rare for law in one.laws)
 
@@ -167,7 +167,7 @@ def rivals_of(
     rivals = []
     for one, weight in merged.values():
         wider = _kind(one) == _kind(best) and _size(one) > _size(best)
-        unusual = wider or (_rare(one) and not _rare(best))
+        unusual = wider or (rare(one) and not rare(best))
         rivals.append((one, min(weight / answer, 1.0), _UNUSUAL if unusual else 1.0))
     whole = 1.0 + sum(odds * weight for _, odds, weight in rivals)
     others = [

@@ -54,7 +54,8 @@ def write_corrected(study: PortStudy, found: Answer, folder: Path) -> list[str]:
                 return [
                     f"corrected.yaml is not written: {law.name} is shared by capacities that change with the "
                     f"states. Add the flow to the equations of both states; the number is that of "
-                    f"der({law.signal}) at the start values, what passes counts from {law.signal}."
+                    f"der({law.signal}) at the config's start values and parameters, what passes counts "
+                    f"from {law.signal}."
                 ]
             state = Port.of(law.signal if exchange else law.place.name.removeprefix("der(").removesuffix(")"))
             reads = _reads(law.signal, law.second)

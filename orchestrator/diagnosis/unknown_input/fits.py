@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -120,11 +120,31 @@ class Fits:
             for number, value in zip(law.law.numbers, values, strict=True)
         )
 
+    def _fit_beside(self, laws: Sequence[Candidate], beside: Fit) -> Fit:
+        """Laws beside those that are fitted, from what suits these, or what suits the law by its score."""
+        before = beside.polished
+        numbers = [value for law in laws for value in law.numbers]
+        begins = [(before.constants, before.starts)]
+        if len(laws) == 1 and laws[0].beside is not None:
+            begins.append(laws[0].beside)
+        every = (*beside.laws, *laws)
+        inserted = [one.inserted for one in every]
+
+        def left(begin: tuple[Array, list[Array]]) -> float:
+            residual = Replays(self.runs, inserted, SAMPLES, begin[1]).residual(np.r_[begin[0], numbers])
+            return float(residual @ residual)
+
+        constants, starts = min(begins, key=left) if len(begins) > 1 else begins[0]
+        return self.fit(every, np.r_[constants, numbers], starts)
+
     def fit_each(
         self, begins: Iterable[tuple[Sequence[Candidate], Array, Sequence[Array]]], *options: Any, **more: Any
     ) -> list[Fit]:
         """Fits, each from laws, constants and start states, up to the limit of work; see `fit`."""
-        tasks = [partial(self.fit, *one, *options, **more) for one in begins]
+        return self._each([partial(self.fit, *one, *options, **more) for one in begins])
+
+    def _each(self, tasks: list[Callable[[], Fit]]) -> list[Fit]:
+        """Fits side by side, up to the limit of work."""
         found: list[Fit] = []
         while tasks:
             found += in_parallel(tasks[:_TOGETHER])
@@ -135,18 +155,12 @@ class Fits:
 
     def fit_beside(self, sets: Sequence[Sequence[Candidate]], beside: Fit) -> list[Fit]:
         """Fit each set of laws beside those that are fitted, by a few steps; best first."""
-        before = beside.polished
         found: list[Fit] = []
         for begin in range(0, len(sets), _RIVALS):
             explained = self.explained(found)
-            found += self.fit_each(
-                (
-                    (*beside.laws, *laws),
-                    np.r_[before.constants, [value for law in laws for value in law.numbers]],
-                    before.starts,
-                )
-                for laws in sets[begin : begin + _RIVALS]
-            )
+            found += self._each([
+                partial(self._fit_beside, laws, beside) for laws in sets[begin : begin + _RIVALS]
+            ])  # fmt: skip
             # The sets come in the order of their scores. Where one explains the logs, a few rivals suffice.
             if explained or not self.model.effort.allows():
                 break

@@ -7,7 +7,7 @@ system, with its numbers as constants of the filter beside the calibrated parame
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,8 @@ class Candidate:
         share: of w's power on the stretches that the regression did not see, which the law explains.
         numbers: where its fit begins. second: the second signal that the law reads, or "".
         odds: how likely the law is there before the logs are seen.
+        beside: parameters, numbers of laws that are fitted already, and start states of each run, which suit
+            the law by its score.
     """
 
     law: Law
@@ -51,6 +53,7 @@ class Candidate:
     share: float
     second: str = ""
     odds: float = 1.0
+    beside: tuple[Array, list[Array]] | None = field(default=None, compare=False, repr=False)
 
     @property
     def name(self) -> str:

@@ -100,7 +100,10 @@ def headline(found: Answer) -> str:
     if found.verdict == "outside":
         where = f", near {found.places[0].place.name}" if found.places else ""
         nearest = " + ".join(one.name for one in found.fitted.laws) if found.fitted else ""
-        return f"something is missing that the library does not hold{where} ({chances})" + (
+        why = "the library does not hold"
+        if found.left_out:
+            why = "the search did not find before its limit of work"
+        return f"something is missing that {why}{where} ({chances})" + (
             f"; the nearest laws are {nearest}" if nearest else ""
         )
     assert found.fitted is not None

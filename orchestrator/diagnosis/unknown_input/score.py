@@ -118,6 +118,7 @@ class _Begin(_Left):
         own = replays.sensitivity(constants)
         self.free = _basis(own)
         weight, prior, away = replays.bounds(self.residual, constants)
+        self._columns, self._away = np.vstack([weight * own, prior]), away
         super().__init__(weight, self.residual, own, prior, away)
         self.followed = np.abs(self.residual) < WORST
         ends = np.cumsum([0, *(int(mask.sum()) for mask in replays.masks)])
@@ -159,13 +160,12 @@ class _Begin(_Left):
             # A rare law is tried again with the amplitude that this gives.
             for again in range(1 + rare):
                 if self.small is not None and one.law.linear and not again:
-                    change = self._predicted(self.small, one, numbers)
+                    made: Array | None = self._predicted(self.small, one, numbers)
                 else:
                     made = simulated(numbers, self)
-                    if made is None:
-                        break
-                    change = made
-                beside = self._beside_parameters(change)
+                if made is None:
+                    break
+                beside = self._beside_parameters(made)
                 if beside is None:
                     break
                 change = beside
@@ -181,11 +181,23 @@ class _Begin(_Left):
                 # Where the first number is no factor, a fit begins where it is nearest, in small steps.
                 gained = share if one.law.linear else -(2.0 * float(change @ self.left) + power) / self.whole
                 if best is None or gained > most:
-                    candidate = replace(one, numbers=tuple(numbers.tolist()), share=share)
+                    beside_it = self._suited(made * factor if one.law.linear else made)
+                    candidate = replace(one, numbers=tuple(numbers.tolist()), share=share, beside=beside_it)
                     best, most = (candidate, -change / np.sqrt(power)), gained
                 if not one.law.linear or share < _FAINT:
                     break
         return best
+
+    def _suited(self, change: Array) -> tuple[Array, list[Array]]:
+        """Constants and start states that suit a law, by what it changes in the residuals."""
+        left = np.r_[self.weight * (self.residual + change), self._away]
+        moved = -np.linalg.lstsq(self._columns, left, rcond=None)[0]
+        count, scale = len(self.constants), self.replays.scale
+        starts = [
+            own + part * scale
+            for own, part in zip(self.replays.starts, moved[count:].reshape(-1, len(scale)), strict=True)
+        ]
+        return self.constants + moved[:count] * self.replays.sizes(self.constants), starts
 
     def _predicted(self, small: Responses, one: Candidate, numbers: Array) -> Array:
         return np.where(self.followed, small.of(one, numbers), 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .choice import significant
+from .choice import rare, significant
 from .fits import Weighed
 from .held_out_replay import closed, replayed
 from .law_fit import Fitted
@@ -13,6 +13,8 @@ from .search import LEAST, Search
 
 # Share of the gap on held-out runs that laws must close to be the answer, and to be named as the nearest.
 _CLOSES, _HINT = 0.5, 0.1
+# Rivals that may take the place of an answer that held-out runs contradict, and nats within which they are.
+_RIVALS, _AS_LIKELY = 4, 3.0
 # Residual over the noise up to which nothing is missing.
 _NOISE = 2.0
 # Share of the logs' spread below which a residual without a name counts as none.
@@ -46,6 +48,36 @@ def verdict_on(
     if remains > _NOISE and share > _SMALL:
         return "outside", []
     return "none", [left] if remains > _NOISE else []
+
+
+def confirmed(
+    search: Search, weighed: Sequence[Weighed], chosen: int, held: Runs, calibrated: float
+) -> tuple[int, list[str]]:
+    """The answer, or one about as likely if held-out runs contradict the answer and confirm that one.
+
+    Args:
+        calibrated: what calibration leaves on held-out runs, over the noise.
+    Returns: its index, and a remark on what was passed over.
+    """
+    answer = weighed[chosen]
+
+    def closes(one: Weighed) -> float:
+        laws = [law.inserted for law in one.fitted.laws]
+        return closed(calibrated, replayed(held, laws, one.fitted.constants[0]).remains)
+
+    if not answer.fitted.laws or closes(answer) >= _CLOSES:
+        return chosen, []
+    near = [
+        k for k, one in enumerate(weighed)
+        if k != chosen and len(one.fitted.laws) == len(answer.fitted.laws) and significant(one.fitted)
+        and abs(one.evidence - answer.evidence) < _AS_LIKELY
+        and (search.far(answer.polished.constants) or not search.far(one.polished.constants))
+    ]  # fmt: skip
+    for k in sorted(near, key=lambda one: rare(weighed[one].fitted))[:_RIVALS]:
+        if closes(weighed[k]) >= _CLOSES:
+            names = " + ".join(law.name for law in answer.fitted.laws)
+            return k, [f"Fitted runs make {names} as likely, but held-out runs contradict it."]
+    return chosen, []
 
 
 def nearest_laws(
