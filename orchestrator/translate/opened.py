@@ -34,7 +34,8 @@ class Opening:
     """An input that is added inside a model.
 
     Attributes:
-        name: of the input: the variable that an equation calculates, or one made up for a balance.
+        name: of the input: the variable that an equation calculates, or one made up for an output or a
+            balance.
         equation: as the flat model has it.
         before: output, the variable without what is added; "" in a balance.
         signals: outputs, variables and sums in the equation that laws may read.
@@ -86,6 +87,13 @@ class _Opener:
             and not one["dims"] and not one["is_discrete_type"]
         }  # fmt: skip
         self._states = {state for one in self._flat["equations"] for state in _derived(one)}
+        # Outputs that the model itself reads, too: a law at such an output acts outside only.
+        read = [name for one in self._flat["equations"] for name in _names(one["residual"])]
+        self._shown_inside = {
+            name for name, one in variables.items()
+            if isinstance(one["causality"], dict) and "Output" in one["causality"] and read.count(name) > 1
+            and isinstance(one["variability"], str) and not one["dims"] and not one["is_discrete_type"]
+        }  # fmt: skip
         looped = {k for family in flat["structured_equations"] for k in equations_of(family)}
         for number, one in enumerate(flat["equations"]):
             binary = one["residual"].get("Binary") if isinstance(one["residual"], dict) else None
@@ -105,28 +113,30 @@ class _Opener:
         name = _name_of(left)
         if name is None and len(_derived(left) | _derived(right)) > 1:
             self._balance(number, left, right)
-        elif name in self._locals - self._states and not _derived(right):
+        elif name in (self._locals | self._shown_inside) - self._states and not _derived(right):
             unit = self._flat["variables"][name]["unit"]
             acts = isinstance(unit, str) and self._known(unit, _ACTING)
             if acts and name not in _names(right) and _names(right) and not _is_alias(right):
                 self._variable(number, name, unit, left, right)
 
     def _variable(self, number: int, name: str, unit: str, left: Json, right: Json) -> None:
-        added = _plain(name)
-        before = f"{added}_before"
+        output = name in self._shown_inside
+        added, before = f"{_plain(name)}_inside" if output else _plain(name), f"{_plain(name)}_before"
         one = self._listed(added, f"{self._shown(left)} = {self._shown(right)}", right, unit)
         if one is None or before in self._flat["variables"]:
             return
         self.made.append(replace(one, before=before))
-        whole = {"Binary": {"op": "Add", "lhs": _reference(before), "rhs": _reference(added)}}
-        for k, equation in enumerate(self._flat["equations"]):
-            if k != number:
-                equation["residual"] = _replaced(equation["residual"], name, whole)
-            else:
-                equation["residual"]["Binary"]["lhs"] = _reference(before)
-        for key in ("when_chains", "assert_equations", "initial_equations"):
-            self._flat[key] = _replaced(self._flat[key], name, whole)
-        del self._flat["variables"][name]
+        self._flat["equations"][number]["residual"]["Binary"]["lhs"] = _reference(before)
+        if output:
+            self._equations.append(f"  {quoted(name)} = {before} + {added};\n")
+        else:
+            whole = {"Binary": {"op": "Add", "lhs": _reference(before), "rhs": _reference(added)}}
+            for k, equation in enumerate(self._flat["equations"]):
+                if k != number:
+                    equation["residual"] = _replaced(equation["residual"], name, whole)
+            for key in ("when_chains", "assert_equations", "initial_equations"):
+                self._flat[key] = _replaced(self._flat[key], name, whole)
+            del self._flat["variables"][name]
         self._declare("input", added, unit)
         self._declare("output", before, unit)
 

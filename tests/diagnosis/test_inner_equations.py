@@ -64,6 +64,11 @@ equation
 end Trolley;
 """,
 }
+# The same vehicle, whose force on the front axle is an output, too.
+MODELS["Measured"] = (
+    MODELS["Vehicle"].replace("Vehicle", "Measured").replace("  Real force_front(unit=\"N\");\n", "")
+    .replace("protected\n", "  output Real force_front(unit=\"N\");\nprotected\n")
+)  # fmt: skip
 STEP = 0.02
 
 
@@ -192,16 +197,19 @@ def test_what_acts_as_a_derivative_or_an_input_is_no_place_of_its_own(fmus: Path
 
 
 @pytest.mark.slow
-def test_a_tyre_that_saturates_is_found_where_its_force_acts(fmus: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "place"), [("Vehicle", "force_front"), ("Measured", "force_front_inside")])
+def test_a_tyre_that_saturates_is_found_where_its_force_acts(
+    name: str, place: str, fmus: Path, tmp_path: Path
+) -> None:
     logs = [vehicle_logs(1, 400), vehicle_logs(2, 300)]
     seen = {"slip": "0.01 m/s", "yaw": "2 mrad/s"}
     calibrated = {"front": "3e3 N/rad", "rear": "3e3 N/rad"}
-    made = diagnose_system(study_of(fmus, "Vehicle", "steer", seen, calibrated, logs), tmp_path, report=True)
+    made = diagnose_system(study_of(fmus, name, "steer", seen, calibrated, logs), tmp_path, report=True)
     (law,) = made.data["laws"]
-    assert (law["law"], law["place"]) == ("saturation", "part.force_front")
+    assert (law["law"], law["place"]) == ("saturation", f"part.{place}")
     assert law["numbers"]["limit"]["value"] == pytest.approx(3800.0, rel=0.02)
     assert any("inside the component: force_front = " in one for one in made.data["remarks"])
-    assert {"corrected.yaml", "Vehicle_corrected.fmu", "report.html"} <= set(made.files)
+    assert {"corrected.yaml", f"{name}_corrected.fmu", "report.html"} <= set(made.files)
     # The corrected component keeps its ports, and needs no input for the law.
     steer = np.interp(0.005 * np.arange(1196), STEP * np.arange(300), logs[1][:, 1])
     (tmp_path / "inputs.csv").write_text(
@@ -210,7 +218,7 @@ def test_a_tyre_that_saturates_is_found_where_its_force_acts(fmus: Path, tmp_pat
         encoding="utf-8",
     )
     left = []
-    for config in (tmp_path / "corrected.yaml", fmus / "Vehicle.yaml"):
+    for config in (tmp_path / "corrected.yaml", fmus / f"{name}.yaml"):
         run = orc.run(
             config, set={"run.stop_time": 5.97}, inputs=tmp_path / "inputs.csv", halving=False
         )  # fmt: skip

@@ -60,8 +60,7 @@ def build_flat(model: Path, fmu: Path, version: str) -> None:
 def with_openings(study: PortStudy) -> PortStudy | None:
     """The study with inputs inside its components; None if no component takes any.
 
-    Components of at least two states are opened whose FMUs were built from Modelica files that still lie
-    beside them.
+    Components with states are opened whose FMUs were built from Modelica files that still lie beside them.
     """
     folder = scratch_folder("opened-")
     instances, openings = [], dict[Port, Opening]()
@@ -88,7 +87,7 @@ def with_openings(study: PortStudy) -> PortStudy | None:
 
 def _opened(fmu: CompiledFmu, folder: Path) -> tuple[CompiledFmu, tuple[Opening, ...]] | None:
     """An FMU with inputs inside, and which these are."""
-    if fmu.description.states < 2:
+    if not fmu.description.states:
         return None
     source = source_of(fmu.path)
     if isinstance(source, str):
