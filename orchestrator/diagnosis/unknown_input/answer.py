@@ -248,8 +248,15 @@ def _experiments(
     others = [
         FittedAnswer(one.laws, two.constants, two.starts) for one, two, _ in weighed if id(one) in likely
     ]
+    wires = [
+        {str(one.sources[0]), str(one.target)}
+        for one in search.study.prepared.system.connections
+        if len(one.sources) == 1
+    ]
     for k, law in enumerate(best.laws):
         for twin in search.twins.get(law.name, [])[:_RIVALS]:
+            if twin.law is law.law and {law.place.name, twin.place.name} in wires:
+                continue  # both ends of a connection are one place of the machine
             constants = found.constants
             if twin.law is not law.law:
                 at = len(search.model.nominal) + sum(len(one.law.numbers) for one in best.laws[:k])
