@@ -386,6 +386,26 @@ def test_a_rare_law_is_compared_with_the_usual_ones_of_its_family(fmus: Path) ->
     assert best.remains < 1.2 < search.base.remains
 
 
+@pytest.mark.parametrize("suits", [True, False])
+def test_a_fit_begins_where_the_law_leaves_less(fmus: Path, suits: bool, monkeypatch: Any) -> None:
+    """Calibration makes up for friction by parameters; those of its score suit the law better."""
+    study = load_port_study(logged(fmus, lambda x, v: -0.8 * math.tanh(v / 2e-3), seconds=4.0))
+    with StateModel(study) as model:
+        search = Search(Runs(model, study.of(Role.TRAIN)), lambda _: None)
+        (law, *_) = [
+            one for one in search.scores(search.begins[0])[0].candidates if one.law.name == "coulomb"
+        ]
+        assert law.beside is not None
+        constants, starts = law.beside
+        if not suits:
+            law = replace(law, beside=(2.0 * constants, starts))
+        begun = []
+        monkeypatch.setattr(search, "fit", lambda laws, constants, starts: begun.append(constants))
+        search._fit_beside([law], search.begins[0])
+    expected = constants if suits else search.base.constants
+    np.testing.assert_allclose(begun[0], [*expected, *law.numbers])
+
+
 @pytest.mark.parametrize(("name", "at"), [("delay", "spring.travel"), ("lag", "mass.force")])
 def test_the_best_law_is_tried_elsewhere_and_others_at_its_place(fmus: Path, name: str, at: str) -> None:
     """A delay of the force, found as one of the spring's travel, or as another law of the force."""
