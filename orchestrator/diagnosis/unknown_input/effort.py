@@ -8,9 +8,9 @@ from __future__ import annotations
 from multiprocessing import Value
 
 # Evaluations after which a search begins nothing new. A core makes 3 to 8 million a second.
-_LIMIT = 4e8
-# Of these, what one simulation of all runs may take.
-_SIMULATION = 1e-3
+_LIMIT = 6e8
+# What one simulation of all runs may take.
+_SIMULATION = 4e5
 
 
 class Effort:
@@ -39,4 +39,4 @@ class Effort:
     @staticmethod
     def share(evaluations: float) -> float:
         """Of a simulation, the part of its samples that a fit may look at, at most 1."""
-        return min(1.0, _SIMULATION * _LIMIT / max(evaluations, 1.0))
+        return min(1.0, _SIMULATION / max(evaluations, 1.0))
