@@ -13,7 +13,7 @@ from ...base.parallel import in_time
 from ...system.connection import Port
 from .channels import clipped, frozen, is_stairs
 from .clocks import wrong_clocks
-from .mistakes import Mistake, Warned, merged_problems, plural, wrong_factors, wrong_scales
+from .mistakes import Mistake, Warned, WarnedOfMaster, merged_problems, plural, wrong_factors, wrong_scales
 from .repeats import unlike
 from .replay import Replay, with_steps
 from .study import Array, PortRun, PortStudy, Role
@@ -239,9 +239,9 @@ def _long_step(study: PortStudy, signals: Mapping[str, Signals]) -> list[Warned]
         return []
     step = f"{float(study.prepared.grid.step_size):.4g} s"
     what = f"half the communication step of {step} changes {worst} by {size:.2g} times its noise"
-    remedy = "Set a shorter run.step_size, or `hold` for signals of a digital device. Where the master "
-    remedy += "simulates the system, laws may imitate this error."
-    return [Warned(place=run.name, what=what, remedy=remedy)]
+    remedy = "Set a shorter run.step_size, or `hold` for signals of a digital device. "
+    remedy += "Laws may imitate this error."
+    return [WarnedOfMaster(place=run.name, what=what, remedy=remedy)]
 
 
 def _stairs(study: PortStudy) -> list[Warned]:

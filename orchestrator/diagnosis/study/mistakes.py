@@ -53,6 +53,10 @@ class Warned(BaseModel):
     remedy: str = ""
 
 
+class WarnedOfMaster(Warned):
+    """What matters only where the master simulates the system, not in state form."""
+
+
 @dataclass(frozen=True)
 class Mistake(Problem):
     """A problem of a run without which all fits; the remedy says so. The place is "run: column"."""

@@ -67,6 +67,7 @@ class Answer:
         held_out: names of the held-out runs; if there are none, the fitted runs stand in for them.
         openings: inputs inside components; see `rebuilt.with_openings`.
         left_out: stages that the search left out at its limit of work.
+        by_master: whether the master simulated the system, since its states are not known.
     """
 
     verdict: str
@@ -90,6 +91,7 @@ class Answer:
     held_out: list[str] = field(default_factory=list)
     openings: Mapping[Port, Opening] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
+    by_master: bool = False
 
 
 def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -> Answer:
@@ -109,7 +111,7 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
                 found = inside
             elif not effort.allows():
                 found.remarks.append("Equations inside components were not searched, or not to the end.")
-    return replace(found, seconds=perf_counter() - begin)
+    return replace(found, seconds=perf_counter() - begin, by_master=not has_states)
 
 
 def _inside(study: PortStudy, effort: Effort, progress: Callable[[str], None]) -> Answer | None:

@@ -14,6 +14,7 @@ from ...results.file_formats import strict
 from ...simulation.run_folder import folder_at
 from ..study.checks import check_logs
 from ..study.devices import with_devices_fed
+from ..study.mistakes import WarnedOfMaster
 from ..study.native import in_native_form
 from ..study.reader import load_port_study
 from ..study.study import PortStudy
@@ -82,8 +83,11 @@ def diagnose_system(
     found = answer(searched, progress)
     if devices and found.verdict == "none":
         found = replace(found, probability=min(found.probability, _DEVICES))
-    slow = [*devices, *slow]
-    found.remarks.extend(f"{one.place}: {one.what}. {one.remedy}" for one in (*warned, *slow))
+    found.remarks.extend(
+        f"{one.place}: {one.what}. {one.remedy}"
+        for one in (*warned, *devices, *slow)
+        if found.by_master or not isinstance(one, WarnedOfMaster)
+    )
     if out is None:
         return DiagnosedSystem(study, found)
     folder = Path(out)
