@@ -268,7 +268,8 @@ def test_a_law_takes_the_place_of_a_parameter_far_from_its_value() -> None:
 
 def test_a_second_law_whose_number_changes_nothing_does_not_count() -> None:
     def pair(sigma: float) -> SimpleNamespace:
-        laws = [("first", [2.3], [0.002]), ("second", [8.7e-5], [sigma])]
+        law = SimpleNamespace(law=SimpleNamespace(linear=True))
+        laws = [(law, [2.3], [0.002]), (law, [8.7e-5], [sigma])]
         return SimpleNamespace(laws=(1, 2), by_law=lambda: laws)
 
     assert significant(pair(1e-6)) and not significant(pair(5e-5)) and not significant(pair(4.6e-20))

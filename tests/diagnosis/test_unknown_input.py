@@ -279,7 +279,7 @@ def test_what_the_library_lacks_is_outside_and_drawn(fmus: Path, tmp_path: Path)
     command = [sys.executable, "-m", "orchestrator", "diagnose", str(study)]
     subprocess.run([*command, "--out", str(tmp_path)], check=True, capture_output=True)
     data = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
-    assert data["verdict"] == "outside" and not data["laws"] and data["probability"] == 0.6
+    assert data["verdict"] == "outside" and not data["laws"] and data["probability"] >= 0.6
     assert data["places"] and "position" not in data["places"][0]["place"]
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "against the signals there" in page and page.count("<svg") == 2

@@ -192,11 +192,9 @@ class _Begin(_Left):
         """Constants and start states that suit a law, by what it changes in the residuals."""
         left = np.r_[self.weight * (self.residual + change), self._away]
         moved = -np.linalg.lstsq(self._columns, left, rcond=None)[0]
-        count, scale = len(self.constants), self.replays.scale
-        starts = [
-            own + part * scale
-            for own, part in zip(self.replays.starts, moved[count:].reshape(-1, len(scale)), strict=True)
-        ]
+        count, scale, begun = len(self.constants), self.replays.scale, self.replays.starts
+        parts = moved[count:].reshape(len(begun), len(scale))
+        starts = [own + part * scale for own, part in zip(begun, parts, strict=True)]
         return self.constants + moved[:count] * self.replays.sizes(self.constants), starts
 
     def _predicted(self, small: Responses, one: Candidate, numbers: Array) -> Array:
