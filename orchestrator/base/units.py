@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
@@ -278,6 +278,12 @@ def known_unit(text: str) -> Unit | None:
         return parse_unit(text)
     except UnitError:
         return None
+
+
+def measures(unit: str, kinds: Iterable[str]) -> bool:
+    """Whether a unit can be converted to one of these; not if it cannot be read."""
+    known = known_unit(unit)
+    return known is not None and any(known.same_dimension(parse_unit(one)) for one in kinds)
 
 
 def parse_quantity(text: str) -> Quantity:

@@ -8,13 +8,14 @@ balance that holds several derivatives.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..base.units import known_unit
+from ..base.units import known_unit, measures
 from .flat_text import equations_of, quoted
 from .flat_units import Measures
 from .flatten import Json
@@ -81,19 +82,19 @@ class _Opener:
         self._declared: list[str] = []
         self._equations: list[str] = []
         variables = self._flat["variables"]
-        self._locals = {
-            name for name, one in variables.items()
-            if isinstance(one["variability"], str) and (isinstance(one["causality"], str) or "." in name)
-            and not one["dims"] and not one["is_discrete_type"]
+        scalars = {
+            name: one["causality"] for name, one in variables.items()
+            if isinstance(one["variability"], str) and not one["dims"] and not one["is_discrete_type"]
         }  # fmt: skip
+        self._locals = {name for name, one in scalars.items() if isinstance(one, str) or "." in name}
         self._states = {state for one in self._flat["equations"] for state in _derived(one)}
         # Outputs that the model itself reads, too: a law at such an output acts outside only.
-        read = [name for one in self._flat["equations"] for name in _names(one["residual"])]
-        self._shown_inside = {
-            name for name, one in variables.items()
-            if isinstance(one["causality"], dict) and "Output" in one["causality"] and read.count(name) > 1
-            and isinstance(one["variability"], str) and not one["dims"] and not one["is_discrete_type"]
-        }  # fmt: skip
+        read = Counter(name for one in self._flat["equations"] for name in _names(one["residual"]))
+        self._read_outputs = {
+            name
+            for name, one in scalars.items()
+            if isinstance(one, dict) and "Output" in one and read[name] > 1
+        }
         looped = {k for family in flat["structured_equations"] for k in equations_of(family)}
         for number, one in enumerate(flat["equations"]):
             binary = one["residual"].get("Binary") if isinstance(one["residual"], dict) else None
@@ -113,14 +114,14 @@ class _Opener:
         name = _name_of(left)
         if name is None and len(_derived(left) | _derived(right)) > 1:
             self._balance(number, left, right)
-        elif name in (self._locals | self._shown_inside) - self._states and not _derived(right):
+        elif name in (self._locals | self._read_outputs) - self._states and not _derived(right):
             unit = self._flat["variables"][name]["unit"]
-            acts = isinstance(unit, str) and self._known(unit, _ACTING)
+            acts = self._known(unit, _ACTING)
             if acts and name not in _names(right) and _names(right) and not _is_alias(right):
                 self._variable(number, name, unit, left, right)
 
     def _variable(self, number: int, name: str, unit: str, left: Json, right: Json) -> None:
-        output = name in self._shown_inside
+        output = name in self._read_outputs
         added, before = f"{_plain(name)}_inside" if output else _plain(name), f"{_plain(name)}_before"
         one = self._listed(added, f"{self._shown(left)} = {self._shown(right)}", right, unit)
         if one is None or before in self._flat["variables"]:
@@ -212,9 +213,7 @@ class _Opener:
 
     @staticmethod
     def _known(unit: Any, units: Any) -> bool:
-        found = known_unit(unit) if isinstance(unit, str) else None
-        others = (known_unit(one) for one in units)
-        return found is not None and any(one is not None and found.same_dimension(one) for one in others)
+        return isinstance(unit, str) and measures(unit, units)
 
     def _declare(self, word: str, name: str, unit: Any) -> None:
         start = ", start = 0" if word == "input" else ""

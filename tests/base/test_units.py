@@ -9,7 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from orchestrator.base.units import ONE, Unit, UnitError, convert, parse_quantity, parse_unit, quantity_in
+from orchestrator.base.units import (
+    ONE,
+    Unit,
+    UnitError,
+    convert,
+    measures,
+    parse_quantity,
+    parse_unit,
+    quantity_in,
+)
 
 KNOWN = [
     "1", "%", "m", "mm", "km", "kg", "g", "s", "ms", "us", "min", "N", "kN", "N/m", "N/mm", "N.s/m", "N.s/mm",
@@ -118,3 +127,8 @@ def test_a_number_without_unit_is_the_unit_one():
     assert parse_quantity("0.8").unit == ONE
     with pytest.raises(UnitError, match=r"^'0.8' has no unit$"):
         quantity_in("0.8", RAD)
+
+
+def test_a_unit_measures_what_it_can_be_converted_to():
+    assert measures("mm/s", ("N", "m/s"))
+    assert not measures("Hz", ("rad/s",)) and not measures("parsnip", ("m",))

@@ -536,22 +536,18 @@ def test_two_laws_that_leave_less_than_the_answer_are_reported(
         assert "6 times the noise there instead of 9: coulomb at mass.force of" in remarks[0]
 
 
-def test_an_answer_that_held_out_runs_contradict_gives_way_to_a_usual_one_about_as_likely(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_an_answer_that_held_out_runs_contradict_gives_way_to_a_usual_one_about_as_likely() -> None:
     each = [("eddy-current brake", 1.7, 50.0), ("Dahl friction", 1.9, 49.0), ("coulomb", 1.9, 48.5)]
     weighed = [*(fit_of((name,), left, nats) for name, left, nats in each), fit_of((), 9.0, 0.0)]
     leaves = {"eddy-current brake": 3.3, "Dahl friction": 2.6, "coulomb": 2.8}
-    names = [one.fitted.laws[0].law.name for one in weighed[:3]]
-    weighed = [
-        one._replace(fitted=replace(one.fitted, constants=(name, None)))
-        for one, name in zip(weighed, [*names, ""], strict=True)
-    ]
-    monkeypatch.setattr(verdict, "replayed", lambda _, laws, name: SimpleNamespace(remains=leaves[name]))
-    held: Any = None
+
+    def judged(one: Fitted) -> Any:
+        return SimpleNamespace(remains=leaves[one.laws[0].law.name])
+
     for calibrated, chosen in ((6.3, 2), (20.0, 0), (3.5, 0)):
-        found, remarks = verdict.confirmed(FAR_OR_NOT, weighed, 0, held, calibrated)
+        found, replay, remarks = verdict.confirmed(FAR_OR_NOT, weighed, 0, judged, calibrated)
         assert found == chosen and len(remarks) == (chosen == 2)
+        assert replay.remains == (2.8 if chosen == 2 else 3.3)
 
 
 def test_the_simpler_law_of_a_family_is_not_a_rare_one() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...base.arrays import Array
-from ...base.units import known_unit, parse_unit
+from ...base.units import measures
 from .plant import Acting, Plant
 
 _FORCES, _RATES, _TRAVELS = ("N", "N.m"), ("m/s", "rad/s"), ("m", "rad")
@@ -50,11 +50,6 @@ class _At:
     w_unit: str
     u_unit: str
     at: int
-
-
-def _is(unit: str, kinds: Sequence[str]) -> bool:
-    found = known_unit(unit)
-    return found is not None and any(found.same_dimension(parse_unit(one)) for one in kinds)
 
 
 def _places(plant: Plant, sizes: Sizes) -> Iterator[_At]:
@@ -130,7 +125,7 @@ class _Here:
 
     def units(self, w: str, u: str) -> bool:
         """Whether it is an input of unit w beside a signal of unit u."""
-        return self.at.kind == "input" and _is(self.at.w_unit, (w,)) and _is(self.at.u_unit, (u,))
+        return self.at.kind == "input" and measures(self.at.w_unit, (w,)) and measures(self.at.u_unit, (u,))
 
 
 _Values = Sequence[float]
@@ -208,7 +203,7 @@ _LAWS = {
         lambda c: {"stiffness": -c.at.slope, "band": c.draw(0.05, 0.4) * c.u},
         lambda t, s, z, n: n[0] * _clip(s, n[1]), opposing=False),
     "ripple": _Law(
-        "ripple", lambda c: _is(c.at.w_unit, ("N.m",)) and _is(c.at.u_unit, ("rad",)) and c.u > 1.0,
+        "ripple", lambda c: measures(c.at.w_unit, ("N.m",)) and measures(c.at.u_unit, ("rad",)) and c.u > 1.0,
         lambda c: {"level": c.share * c.w, "phase": c.draw(0.0, 6.28)},
         lambda t, s, z, n: n[0] * math.sin(s + n[1])),
     "saturation": _Law(
@@ -233,7 +228,9 @@ _LAWS = {
         lambda t, s, z, n: n[0] * t, opposing=False),
     "offset": _Law(
         "offset",
-        lambda c: c.at.kind == "input" and c.at.own and not c.external and _is(c.at.w_unit, (*_FORCES, "A")),
+        lambda c: (
+            c.at.kind == "input" and c.at.own and not c.external and measures(c.at.w_unit, (*_FORCES, "A"))
+        ),
         lambda c: {"value": c.sign() * c.share * c.w}, lambda t, s, z, n: n[0], opposing=False),
     "root of the signal": _Law(
         "root", lambda c: c.units("m3/s", "m"),
@@ -265,20 +262,20 @@ _LAWS = {
 
 def _here(at: _At, plant: Plant, sizes: Sizes, random: Random) -> _Here:
     w, u, mean = float(sizes.spread[at.at]), float(sizes.spread[at.reads]), float(sizes.mean[at.reads])
-    force, moving = _is(at.w_unit, _FORCES), _is(at.u_unit, _RATES) and not at.own
+    force, moving = measures(at.w_unit, _FORCES), measures(at.u_unit, _RATES) and not at.own
     instance, zero = at.place.split(".")[0], abs(mean) < 0.5 * u
     part = getattr(getattr(plant, "drawing", None), "parts", {}).get(instance)
     external = at.place in plant.external
     names = [*plant.states, *plant.inputs, *plant.outputs]
     paths = [
         float(sizes.spread[k]) for k, one in enumerate(names)
-        if one.split(".")[0] == instance and _is(plant.units[one], _TRAVELS)
+        if one.split(".")[0] == instance and measures(plant.units[one], _TRAVELS)
     ]  # fmt: skip
     return _Here(
         at, w, u, mean, float(sizes.most[at.reads]),
         float(np.exp(random.uniform(math.log(0.04), math.log(0.4)))),
         moving=force and moving, friction=force and moving and zero, zero=zero,
-        spring=force and _is(at.u_unit, _TRAVELS) and not at.own and zero,
+        spring=force and measures(at.u_unit, _TRAVELS) and not at.own and zero,
         source=at.own and (external or (part is not None and part.source and at.kind == "output")),
         external=external,
         sensor=at.own and at.kind == "output" and at.place in plant.compared
@@ -338,7 +335,7 @@ def outside(plant: Plant, sizes: Sizes, random: Random) -> Acting:
     every = [
         k for k in range(nu)
         if sizes.spread[nx + k] > 0.0
-        and _is(plant.units[plant.inputs[k]], ("N", "N.m", "m3/s", "W", "A", "V"))
+        and measures(plant.units[plant.inputs[k]], ("N", "N.m", "m3/s", "W", "A", "V"))
         and plant.inputs[k].split(".")[-1] not in ("reference", "measured")
     ]  # fmt: skip
     index = int(random.choice(every))

@@ -10,7 +10,7 @@ from itertools import permutations
 from pydantic import BaseModel, ConfigDict
 
 from ...base.errors import Problem
-from ...base.units import UnitError, convert, known_unit, parse_unit
+from ...base.units import UnitError, convert, known_unit, measures, parse_unit
 
 # What the unit of a column is taken for, by mistake, the factor that this makes, and units of what it may
 # happen to: none, to all.
@@ -89,10 +89,9 @@ def wrong_factors(
 
 def _may_be(unit: str | None, units: Iterable[str]) -> bool:
     """Whether a unit is one of these, up to a factor; so is one that nobody knows, or a bare number."""
-    known = None if unit is None else known_unit(unit)
-    if known is None or known == parse_unit("1") or not units:
+    if unit is None or known_unit(unit) in (None, parse_unit("1")):
         return True
-    return any(known.same_dimension(parse_unit(one)) for one in units)
+    return not units or measures(unit, units)
 
 
 def wrong_scales(own: str, unit: str | None = None) -> Iterator[tuple[float, float, str]]:

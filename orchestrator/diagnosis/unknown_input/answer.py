@@ -17,7 +17,7 @@ from ..study.study import PortStudy, Role
 from .choice import Rival, choose_answer, rivals_of
 from .effort import Effort
 from .fits import Weighed
-from .held_out_replay import closed, replayed
+from .held_out_replay import HeldOutReplay, closed, replayed
 from .law_fit import Candidate, Fitted
 from .model import StateModel
 from .places import Ranked, Runs, rank, smoothed_at
@@ -165,17 +165,18 @@ def _judged(
     gap = replayed(held, (), model.nominal, as_configured=True)
     calibrated = replayed(held, (), search.base.constants)
     before = calibrated.remains
-    if any(one.fitted.laws for one in weighed) and search.far(search.base.constants):
+    if weighed[chosen].fitted.laws and search.far(search.base.constants):
         before = replayed(held, (), search.limited(search.base.constants)).remains
-    chosen, passed_over = confirmed(search, weighed, chosen, held, before)
+
+    def judged_with(one: Fitted) -> HeldOutReplay:
+        laws = [law.inserted for law in one.laws]
+        return replayed(held, laws, one.constants[0]) if laws else calibrated
+
+    chosen, judged, passed_over = confirmed(search, weighed, chosen, judged_with, before)
     best, found, _ = weighed[chosen]
-    judged = (
-        replayed(held, [one.inserted for one in best.laws], best.constants[0]) if best.laws else calibrated
-    )
     traces = _traces(model, held, gap, calibrated, judged)
     shares = [one.remains / search.runs.logged_spread() for one in (found, search.base)]
-    closes = closed(before if best.laws else calibrated.remains, judged.remains)
-    verdict, remarks = verdict_on(search, best, closes, *shares)
+    verdict, remarks = verdict_on(search, best, closed(before, judged.remains), *shares)
     remarks += passed_over
     doubtful = judged.remains > _NEAR_NOISE and (best.laws or verdict == "none")
     wrong = (_NOT_NONE if verdict == "none" else _WRONG_FAR) if doubtful else _WRONG_NEAR

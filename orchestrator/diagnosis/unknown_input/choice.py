@@ -28,7 +28,7 @@ _UNUSUAL = 0.1
 # Standard deviation over a number, below which the simulation does not answer to the number.
 _IDLE = 1e-9
 # Nats within which the same laws at another place explain the logs as well.
-_AS_LIKELY = 3.0
+AS_LIKELY = 3.0
 
 
 class Rival(NamedTuple):
@@ -158,7 +158,7 @@ def rivals_of(
     elsewhere: list[Fitted] = []
     for one, _, nats in sorted(same, key=lambda each: each.fitted is not best):
         weight = float(np.exp(np.clip((nats - evidence) / _TEMPERATURE, -700.0, 0.0)))
-        alike = not leaves and _names(one) == _names(best) and abs(nats - evidence) < _AS_LIKELY
+        alike = not leaves and _names(one) == _names(best) and abs(nats - evidence) < AS_LIKELY
         if alike and _alias(one) != _alias(best):
             elsewhere.append(one)
         merged.setdefault(_alias(best if alike else one), [one, 0.0])[1] += weight

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from ...base.units import known_unit, parse_unit
+from ...base.units import measures
 from .evaluation import NU, NX, X, acts_of, answer_at, evaluate, past_of, put_at
 
 # Change of the first variable, of the second one twice as much, and so on.
 _CHANGE = 1e-3
-_SPEEDS = [(parse_unit(one), parse_unit(f"{one}/s")) for one in ("m", "rad")]
+_TRAVELS = ("m", "rad")
 
 
 def evaluate_at_start(model: Any) -> None:
@@ -41,18 +41,10 @@ def speeds_by_definition(model: Any) -> set[int]:
         before = [put_at(row, k, _CHANGE * (k + 1), True) for k in moved]
         for k in range(row[NX]):
             for other in range(row[NX]):
-                units = (model.study.unit(model.states[row[X] + j]) for j in (k, other))
-                if _is_speed(*units) and answer_at(row, k) == put_at(row, other, 0.0, True):
+                position, speed = (model.study.unit(model.states[row[X] + j]) for j in (k, other))
+                moves = any(measures(position, [one]) and measures(speed, [f"{one}/s"]) for one in _TRAVELS)
+                if moves and answer_at(row, k) == put_at(row, other, 0.0, True):
                     found.add(int(row[X] + k))
         for k, value in zip(moved, before, strict=True):
             put_at(row, k, value, False)
     return found
-
-
-def _is_speed(position: str, other: str) -> bool:
-    """Whether a unit is that of a position, and the other that of its speed."""
-    units = known_unit(position), known_unit(other)
-    return any(
-        all(one is not None and one.same_dimension(two) for one, two in zip(units, pair, strict=True))
-        for pair in _SPEEDS
-    )

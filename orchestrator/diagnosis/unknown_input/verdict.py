@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
-from .choice import rare, significant
+from .choice import AS_LIKELY, rare, significant
 from .fits import Weighed
-from .held_out_replay import closed, replayed
+from .held_out_replay import HeldOutReplay, closed, replayed
 from .law_fit import Fitted
 from .places import Runs
 from .search import LEAST, Search
 
 # Share of the gap on held-out runs that laws must close to be the answer, and to be named as the nearest.
 _CLOSES, _HINT = 0.5, 0.1
-# Rivals that may take the place of an answer that held-out runs contradict, and nats within which they are.
-_RIVALS, _AS_LIKELY = 4, 3.0
+# Rivals that may take the place of an answer that held-out runs contradict.
+_RIVALS = 4
 # Residual over the noise up to which nothing is missing.
 _NOISE = 2.0
 # Share of the logs' spread below which a residual without a name counts as none.
@@ -51,33 +51,32 @@ def verdict_on(
 
 
 def confirmed(
-    search: Search, weighed: Sequence[Weighed], chosen: int, held: Runs, calibrated: float
-) -> tuple[int, list[str]]:
+    search: Search, weighed: Sequence[Weighed], chosen: int, judged: Callable[[Fitted], HeldOutReplay],
+    calibrated: float,
+) -> tuple[int, HeldOutReplay, list[str]]:  # fmt: skip
     """The answer, or one about as likely if held-out runs contradict the answer and confirm that one.
 
     Args:
+        judged: replays held-out runs with laws.
         calibrated: what calibration leaves on held-out runs, over the noise.
-    Returns: its index, and a remark on what was passed over.
+    Returns: its index, its replay, and a remark on what was passed over.
     """
     answer = weighed[chosen]
-
-    def closes(one: Weighed) -> float:
-        laws = [law.inserted for law in one.fitted.laws]
-        return closed(calibrated, replayed(held, laws, one.fitted.constants[0]).remains)
-
-    if not answer.fitted.laws or closes(answer) >= _CLOSES:
-        return chosen, []
+    own = judged(answer.fitted)
+    if not answer.fitted.laws or closed(calibrated, own.remains) >= _CLOSES:
+        return chosen, own, []
     near = [
         k for k, one in enumerate(weighed)
         if k != chosen and len(one.fitted.laws) == len(answer.fitted.laws) and significant(one.fitted)
-        and abs(one.evidence - answer.evidence) < _AS_LIKELY
+        and abs(one.evidence - answer.evidence) < AS_LIKELY
         and (search.far(answer.polished.constants) or not search.far(one.polished.constants))
     ]  # fmt: skip
     for k in sorted(near, key=lambda one: rare(weighed[one].fitted))[:_RIVALS]:
-        if closes(weighed[k]) >= _CLOSES:
+        other = judged(weighed[k].fitted)
+        if closed(calibrated, other.remains) >= _CLOSES:
             names = " + ".join(law.name for law in answer.fitted.laws)
-            return k, [f"Fitted runs make {names} as likely, but held-out runs contradict it."]
-    return chosen, []
+            return k, other, [f"Fitted runs make {names} as likely, but held-out runs contradict it."]
+    return chosen, own, []
 
 
 def nearest_laws(
