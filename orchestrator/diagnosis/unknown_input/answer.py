@@ -16,6 +16,7 @@ from ...translate.opened import Opening
 from ..study.study import PortStudy, Role
 from .choice import Rival, choose_answer, rivals_of
 from .effort import Effort
+from .evaluation import Place
 from .fits import Weighed
 from .held_out_replay import HeldOutReplay, closed, replayed
 from .law_fit import Candidate, Fitted
@@ -104,46 +105,84 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
     # With many small matrices, threads of BLAS wait for one another.
     with threadpool_limits(1):
         with _model(study, effort) as model:
-            found, has_states = _answered(study, model, progress), model.filters
-        if has_states and found.remains > _NEAR_NOISE:
-            inside = _inside(study, effort, progress) if effort.allows() else None
+            outside, has_states = _Inquiry(study, model, progress), model.filters
+            opened = with_openings(study) if has_states and not outside.explained else None
+            found = None if opened is None else _inside(opened, effort, progress, outside.least)
+            found = found or outside.answer()
+        if opened is not None and not found.openings and found.remains > _NEAR_NOISE:
+            inside = _inside(opened, effort, progress) if effort.allows() else None
             if inside is not None and inside.remains < _CLEARLY * found.remains:
                 found = inside
             elif not effort.allows():
-                found.remarks.append("Equations inside components were not searched, or not to the end.")
+                found.remarks.append("Equations inside components were not searched to the end.")
     return replace(found, seconds=perf_counter() - begin, by_master=not has_states)
 
 
-def _inside(study: PortStudy, effort: Effort, progress: Callable[[str], None]) -> Answer | None:
-    """The answer with places in the equations of components; None if there are no such places."""
-    opened = with_openings(study)
-    if opened is None:
-        return None
+def _inside(
+    opened: PortStudy, effort: Effort, progress: Callable[[str], None], outside: float | None = None
+) -> Answer | None:
+    """The answer with places in the equations of components; None if there are no such places.
+
+    Args:
+        outside: what the best single law elsewhere leaves. If it is given, single laws in these equations come
+            first, and the answer is None unless one of them leaves clearly less.
+    """
     with _model(opened, effort) as model:
-        if not any(Port.of(one.name) in opened.openings for one in model.places()):
+        inner = [one for one in model.places() if Port.of(one.name) in opened.openings]
+        if not inner:
             return None
         progress("inner equations")
-        found = _answered(opened, model, progress)
-    laws = found.fitted.laws if found.fitted else ()
-    inner = {law.place.name: opened.openings.get(Port.of(law.place.name)) for law in laws}
-    remarks = [f"{name} is inside the component: {one.equation}" for name, one in inner.items() if one]
-    return replace(found, remarks=[*remarks, *found.remarks], openings=opened.openings)
+        made = None
+        if outside is not None:
+            brief = _Inquiry(opened, model, progress, inner)
+            if brief.least >= _CLEARLY * outside:
+                return None
+            made = brief.answer(further=False) if brief.explained else None
+        if made is None or made.verdict != "law" or made.remains > _NEAR_NOISE:
+            made = _Inquiry(opened, model, progress).answer()
+    laws = made.fitted.laws if made.fitted else ()
+    equations = {law.place.name: opened.openings.get(Port.of(law.place.name)) for law in laws}
+    remarks = [f"{name} is inside the component: {one.equation}" for name, one in equations.items() if one]
+    return replace(made, remarks=[*remarks, *made.remarks], openings=opened.openings)
 
 
-def _answered(study: PortStudy, model: StateModel, progress: Callable[[str], None]) -> Answer:
-    """What is missing, at the places of a study's model."""
-    progress("calibration")
-    model.study, left_out = without_outliers(model)
-    study = model.study
-    model.study = thinned(model)
-    search = Search(Runs(model, model.study.of(Role.TRAIN, Role.VALIDATION)), progress)
-    weighed = search.weighed(search.searched())
-    chosen = choose_answer(search, weighed)
-    progress("judgement")
-    made = _judged(study, model, search, weighed, chosen)
-    if search.left_out:
-        left_out.append(f"The search ended at its limit of work, without: {', '.join(search.left_out)}.")
-    return replace(made, remarks=[*left_out, *made.remarks], left_out=search.left_out)
+class _Inquiry:
+    """The search for what is missing at places of a study's model, after its first stages.
+
+    Attributes:
+        explained: whether a single law explains the logs, or none is needed. least: what the best one leaves.
+    """
+
+    def __init__(
+        self, study: PortStudy, model: StateModel, progress: Callable[[str], None],
+        places: Sequence[Place] | None = None,
+    ) -> None:  # fmt: skip
+        progress("calibration")
+        self._model, self._progress, model.study = model, progress, study
+        model.study, self._remarks = without_outliers(model)
+        self._study = model.study
+        model.study = thinned(model)
+        self._search = Search(Runs(model, model.study.of(Role.TRAIN, Role.VALIDATION)), progress, places)
+        self._found = self._search.begun()
+        self.explained = not self._search.places or self._search.explained(self._found)
+        self.least = min(one.remains for one in self._found)
+
+    def answer(self, further: bool = True) -> Answer:
+        """What is missing.
+
+        Args:
+            further: whether the other stages follow.
+        """
+        search = self._search
+        weighed = search.weighed(search.further(self._found) if further else self._found)
+        chosen = choose_answer(search, weighed)
+        self._progress("judgement")
+        made = _judged(self._study, self._model, search, weighed, chosen)
+        remarks = [*self._remarks, *made.remarks]
+        if search.left_out:
+            ended = f"The search ended at its limit of work, without: {', '.join(search.left_out)}."
+            remarks.insert(len(self._remarks), ended)
+        return replace(made, remarks=remarks, left_out=search.left_out)
 
 
 def _model(study: PortStudy, effort: Effort) -> StateModel:

@@ -25,6 +25,8 @@ _STEPS, _RIVALS = 5, 4
 _TOGETHER = 8
 # Steps of a fit to the end, and of one by exact derivatives for all that leave so many times the least.
 MANY, _EXACT, _CLOSE = 12, 6, 1.15
+# Part of the noise by which half the step may change a simulation, and by how much steps are divided at most.
+_STEP_ERROR, _FINEST = 0.3, 8
 # Fits that leave more than this many times the best are not carried on.
 _BEHIND = 1.6
 # The logs are explained where this much of the noise is left, and it forgets itself within so many samples,
@@ -79,6 +81,8 @@ class Fits:
         self.left_out: list[str] = []
         # Fits that were carried on to the end, and are not again.
         self._ended: list[Fitted] = []
+        # What the best fit leaves, by the number of laws.
+        self._least: dict[int, float] = {}
 
     def fit(
         self,
@@ -177,19 +181,50 @@ class Fits:
             for fitted, polished in ranked[:kept]
             if polished.remains < near and not any(fitted is each for each in self._ended)
         ])  # fmt: skip
-        if not self.allowed("exact derivatives"):
+        if not self.allowed("finer steps and exact derivatives"):
             return best_of_each([*found, *ended])
+        near = self._near(*found, *ended)
+        stepped = in_parallel([
+            partial(self.fit, fit.laws, fit.polished.constants, fit.polished.starts, MANY, self.samples)
+            for fit in ended if near(fit) and self._need_finer_steps(fit)
+        ])  # fmt: skip
         # Exact derivatives see the corners of a law, but cost most.
-        least = min(fit.remains for fit in (*found, *ended))
+        ended = best_of_each([*ended, *stepped])
+        near = self._near(*ended)
         exact = self.fit_each(
-            (
-                (fitted.laws, polished.constants, polished.starts)
-                for fitted, polished in ended if _EXPLAINED < polished.remains < _CLOSE * least
-            ),
+            ((fit.laws, fit.polished.constants, fit.polished.starts) for fit in ended if near(fit)),
             _EXACT, self.samples, exact=True,
         )  # fmt: skip
+        self._near(*exact)
         self._ended += [fit.fitted for fit in (*ended, *exact)]
         return best_of_each([*found, *ended, *exact])
+
+    def _near(self, *found: Fit) -> Callable[[Fit], bool]:
+        """Whether a fit leaves nearly as little as the best so far of as many laws, but more than noise."""
+        for fit in found:
+            count = len(fit.laws)
+            self._least[count] = min(fit.remains, self._least.get(count, np.inf))
+        return lambda fit: _EXPLAINED < fit.remains < _CLOSE * self._least[len(fit.laws)]
+
+    def _need_finer_steps(self, fit: Fit) -> bool:
+        """Whether half the step changes a simulation; steps of these laws are divided from then on.
+
+        The model alone sets the step. A corner as of dry friction is faster.
+        """
+        laws, finer = [one.inserted for one in fit.laws], self.model.finer
+        if not self.model.filters or not laws:
+            return False
+        replays, key = Replays(self.runs, laws, SAMPLES, fit.polished.starts), frozenset(laws)
+        begin = most = self.runs.sub_of(laws) // self.runs.sub
+        now = replays.residual(fit.polished.constants)
+        while most < _FINEST:
+            finer[key] = 2 * most
+            before, now = now, replays.residual(fit.polished.constants)
+            if np.sqrt(np.mean((now - before) ** 2)) < _STEP_ERROR:
+                break
+            most *= 2
+        finer[key] = most
+        return most > begin
 
     def _fit_to_the_end(self, laws: Sequence[Candidate], constants: Array, starts: Sequence[Array]) -> Fit:
         """A fit carried on with all samples."""

@@ -97,9 +97,9 @@ def _unit(model: StateModel, index: int) -> str:
 def _dimension(model: StateModel, place: Place) -> str:
     """What a quantity at a place measures, as laws ask for it; see `Law.at`.
 
-    The derivative of a speed counts as a force, unless the component is given speeds of this kind and no
-    forces: then it may be a filter of them. A speed counts as a flow only in a component with a level, and
-    without forces and speeds of its own.
+    The derivative of a speed counts as a force, unless the component is given speeds of this kind, but no
+    forces, and does not hold its travel: then it may be a filter of them. A speed counts as a flow only in a
+    component with a level, and without forces and speeds of its own.
     """
     nx, nu = len(model.states), len(model.inputs)
     row = model.rows[place.component]
@@ -111,7 +111,8 @@ def _dimension(model: StateModel, place: Place) -> str:
         found = {"rate": "force", "travel": "rate"}.get(found, found)
         given = (parse_unit(_unit(model, nx + k)) for k in model.inputs_of(row))
         own = parse_unit(_unit(model, place.index))
-        if found == "force" and "force" not in inputs and any(map(own.same_dimension, given)):
+        filters = "force" not in inputs and place.index not in model.speeds.values()
+        if found == "force" and filters and any(map(own.same_dimension, given)):
             return "filtered"
     else:
         at = (nx if place.kind is Kinds.INPUT else nx + nu) + place.index

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -35,6 +36,7 @@ from .evaluation import (
     SET_VALUES,
     SETS,
     VERSION,
+    Inserted,
     Kinds,
     Place,
     U,
@@ -58,6 +60,7 @@ class StateModel:
         rows: one a component, in the order of direct feedthrough.
         wiring: first leg of each input, source and gain of each leg, constants of inputs, fed index of
             inputs and of outputs, order of evaluation.
+        finer: steps of simulations with laws, for each step without them, where these need more.
     Raises: ConfigError if a component gives no access to its states, or a connection has memory.
     """
 
@@ -70,6 +73,7 @@ class StateModel:
     outputs: list[Port] = field(default_factory=list)
     parameters: list[Port] = field(default_factory=list)
     effort: Effort = field(default_factory=Effort)
+    finer: dict[frozenset[Inserted], int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._kept = ExitStack()
@@ -320,14 +324,19 @@ class StateModel:
                 x[self.states.index(port)] = value
         return x
 
+    @cached_property
+    def speeds(self) -> dict[int, int]:
+        """See `speeds_by_definition`; none where the master simulates the system."""
+        return speeds_by_definition(self) if self.filters else {}
+
     def places(self) -> list[Place]:
         """Every input, derivative, output, pair of states and inner equation on which an input can act."""
-        found, defined = [], speeds_by_definition(self) if self.filters else set()
+        found = []
         for c, row in enumerate(self.rows):
             found += [Place(str(self.inputs[i]), Kinds.INPUT, c, i) for i in self.inputs_of(row)]
             found += [
                 Place(f"der({self.states[i]})", Kinds.RATE, c, i)
-                for i in range(row[X], row[X] + row[NX]) if i not in defined
+                for i in range(row[X], row[X] + row[NX]) if i not in self.speeds
             ]  # fmt: skip
             found += [Place(str(self.outputs[i]), Kinds.OUTPUT, c, i) for i in self.outputs_of(row)]
         return [*found, *exchanges(self), *inner_places(self)] if self.filters else found

@@ -97,7 +97,8 @@ class Runs:
 
     def sub_of(self, laws: Sequence[Inserted]) -> int:
         """Steps of RK4 a sample; more with laws that have states, whose time may be as short as a sample."""
-        return 4 * self.sub if any(one.states for one in laws) else self.sub
+        finer = self.model.finer.get(frozenset(laws), 1)
+        return self.sub * max(4 if any(one.states for one in laws) else 1, finer)
 
     def hidden(self, index: int, laws: Sequence[Inserted], start: Array, constants: Array) -> Array:
         """Start values of the laws' own states in a run: 0, or the signal that the law reads."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.parallel import in_parallel
+from .evaluation import Place
 from .fits import MANY, Fit, Fits, best_of_each
 from .held_out_replay import likely
 from .law_fit import Candidate, Fitted, fit_by_filter, readable, screened, spread_out, starts_of
@@ -50,11 +51,13 @@ class Search(Fits):
     """One study's search.
 
     Attributes:
-        begins: fits beside which laws are tried first. places: where laws are tried.
+        begins: fits beside which laws are tried first. places: where laws are tried, by default everywhere.
         twins: of each law, by name, others that act the same on these logs.
     """
 
-    def __init__(self, runs: Runs, progress: Callable[[str], None]) -> None:
+    def __init__(
+        self, runs: Runs, progress: Callable[[str], None], places: Sequence[Place] | None = None
+    ) -> None:
         super().__init__(runs)
         self.progress = progress
         # Parameters that leave their tolerances imitate a law: then laws are tried also without.
@@ -63,7 +66,8 @@ class Search(Fits):
             near = self.limited(self.base.constants, 1.0)
             within = polished(runs, (), near, self.base.starts, fixed=True, samples=self.samples)
             self.begins.append(Fit(self.nothing, within))
-        self.places = [one for one in runs.model.places() if self._unexplained(runs.model.seen_at(one))]
+        every = runs.model.places() if places is None else places
+        self.places = [one for one in every if self._unexplained(runs.model.seen_at(one))]
         self.twins: dict[str, list[Candidate]] = {}
         # Scores of laws from each begin, rarer ones among them once they are tried; best fits of single laws.
         self._scores: list[Scores] = []
@@ -85,16 +89,20 @@ class Search(Fits):
                 return True
         return False
 
-    def searched(self) -> list[Fit]:
-        """Fits of all stages: no law, single laws, rarer ones, pairs, and what a filter reads."""
-        found = [Fit(self.nothing, self.base)]
+    def begun(self) -> list[Fit]:
+        """Fits of the first stages: no law, and single laws."""
+        return [Fit(self.nothing, self.base), *(self._single_laws() if self.places else [])]
+
+    def further(self, found: Sequence[Fit]) -> list[Fit]:
+        """Fits of all stages: those of the first ones, rarer laws, pairs, and what a filter reads."""
+        every = list(found)
         if self.places:
             for stage in (
-                self._single_laws, self._rarer_laws, self._pairs_of_laws, self.rivals,
+                self._rarer_laws, self._pairs_of_laws, self.rivals,
                 self.likelier, self._within_tolerance, self._unknown_inputs,
             ):  # fmt: skip
-                found += stage(found)
-        return found
+                every += stage(every)
+        return every
 
     def scores(self, *beside: Fit, rare: bool = False) -> list[Scores]:
         """Laws beside the same ones that are fitted, from each begin."""
@@ -108,7 +116,7 @@ class Search(Fits):
                     self.twins.setdefault(each.name, [two for two in (one, *twins) if two is not each])
         return found
 
-    def _single_laws(self, found: Sequence[Fit]) -> list[Fit]:
+    def _single_laws(self) -> list[Fit]:
         """Laws alone, each beside others of its family."""
         self.progress("laws")
         self._scores = self.scores(*self.begins)

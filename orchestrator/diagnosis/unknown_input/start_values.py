@@ -26,8 +26,8 @@ def evaluate_at_start(model: Any) -> None:
     )  # fmt: skip
 
 
-def speeds_by_definition(model: Any) -> set[int]:
-    """States that are positions, and whose derivative is another state of the component, their speed.
+def speeds_by_definition(model: Any) -> dict[int, int]:
+    """States that are positions, each with the state of its component that its derivative is, its speed.
 
     No physics can be missing there, as in der(angle) = speed.
 
@@ -35,7 +35,7 @@ def speeds_by_definition(model: Any) -> set[int]:
         model: a `StateModel`, which asks for them.
     """
     evaluate_at_start(model)
-    found = set()
+    found = dict[int, int]()
     for row in model.rows:
         moved = range(row[NX] + row[NU])
         before = [put_at(row, k, _CHANGE * (k + 1), True) for k in moved]
@@ -44,7 +44,7 @@ def speeds_by_definition(model: Any) -> set[int]:
                 position, speed = (model.study.unit(model.states[row[X] + j]) for j in (k, other))
                 moves = any(measures(position, [one]) and measures(speed, [f"{one}/s"]) for one in _TRAVELS)
                 if moves and answer_at(row, k) == put_at(row, other, 0.0, True):
-                    found.add(int(row[X] + k))
+                    found[int(row[X] + k)] = int(row[X] + other)
         for k, value in zip(moved, before, strict=True):
             put_at(row, k, value, False)
     return found
