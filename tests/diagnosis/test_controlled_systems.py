@@ -80,6 +80,19 @@ equation
   rope*der(speed) = -9.81*sin(angle) - drive*cos(angle);
 end Load;
 """,
+    "Roller": """model Roller "A roll on an elastic web, and a filter of the web's speed"
+  input Real pull(unit="m/s", start=2);
+  output Real tension(unit="N", start=150, fixed=true);
+  output Real position(unit="m", start=0, fixed=true);
+  output Real velocity(unit="m/s", start=0, fixed=true);
+  output Real filtered(unit="m/s", start=2, fixed=true);
+equation
+  der(tension) = 9000*(pull - 2 + 2*velocity);
+  der(position) = velocity;
+  12*der(velocity) = 300 - 250*position - 2*tension - 120*velocity;
+  0.1*der(filtered) = pull - filtered;
+end Roller;
+""",
     "Switch": """model Switch
   input Real signal(unit="1");
   output Real output_(unit="1");
@@ -124,6 +137,20 @@ def test_drag_acts_on_a_mass_that_a_rotor_lifts(fmus: Path) -> None:
     talk = {one.signal for one in rare if one.law.name == "cross-talk"}
     assert talk and "craft.altitude" not in talk
     assert not laws["der(craft.rotor)"] and "der(craft.altitude)" not in laws
+
+
+def test_friction_acts_on_a_roll_that_is_given_speeds_but_not_on_a_filter(fmus: Path) -> None:
+    time = np.arange(0.0, 1.0, 0.01)
+    logs = {"time [s]": time, "pull [m/s]": 2.0 + 0.1 * np.sin(time), "tension [N]": 150.0 + time}
+    system = {
+        "run": {"master": "gauss-seidel", "step_size": "10 ms", "stop_time": "1 s"},
+        "instances": {"roller": {"fmu": "Roller.fmu"}}, "connections": [],
+    }  # fmt: skip
+    columns = {"roller.pull": "pull", "roller.tension": {"column": "tension", "noise": "0.1 N"}}
+    with StateModel(load_port_study(written(fmus, system, logs, columns))) as model:
+        laws = {one.name: {each.law.name for each in readable(model, one)} for one in model.places()}
+    assert "coulomb" in laws["der(roller.velocity)"]
+    assert "coulomb" not in laws["der(roller.filtered)"]
 
 
 @pytest.fixture

@@ -406,6 +406,27 @@ def test_a_fit_begins_where_the_law_leaves_less(fmus: Path, suits: bool, monkeyp
     np.testing.assert_allclose(begun[0], [*expected, *law.numbers])
 
 
+@pytest.mark.parametrize(("corner", "finer"), [(5e-4, True), (0.3, False)])
+def test_steps_are_finer_where_a_law_is_faster_than_the_model(
+    fmus: Path, corner: float, finer: bool
+) -> None:
+    study = load_port_study(logged(fmus, lambda x, v: -4.0 * math.tanh(v / corner), seconds=4.0))
+    with StateModel(study) as model:
+        search = Search(Runs(model, study.of(Role.TRAIN)), lambda _: None)
+        place = next(one for one in search.places if one.name == "der(mass.velocity)")
+        law = next(one for one in readable(model, place) if one.law.name == "coulomb")
+        law = replace(law, numbers=(-1.9, 0.9 * corner))
+        begin = np.r_[search.base.constants, law.numbers]
+        brief = search.fit([law], begin, search.base.starts)
+        steps = search.runs.sub_of([law.inserted])
+        (best, *_) = search.finish([brief], 1)
+        assert (search.runs.sub_of([law.inserted]) > steps) is finer
+        assert search.runs.sub_of([]) == search.runs.sub
+    assert best.remains < 1.1
+    assert best.fitted.numbers[0] == pytest.approx(-2.0, rel=0.01)
+    assert (brief.remains > 1.5 * best.remains) is finer
+
+
 @pytest.mark.parametrize(("name", "at"), [("delay", "spring.travel"), ("lag", "mass.force")])
 def test_the_best_law_is_tried_elsewhere_and_others_at_its_place(fmus: Path, name: str, at: str) -> None:
     """A delay of the force, found as one of the spring's travel, or as another law of the force."""

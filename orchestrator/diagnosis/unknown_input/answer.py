@@ -124,8 +124,8 @@ def _inside(
     """The answer with places in the equations of components; None if there are no such places.
 
     Args:
-        outside: what the best single law elsewhere leaves. If it is given, single laws in these equations come
-            first, and the answer is None unless one of them leaves clearly less.
+        outside: what the best single law elsewhere leaves. If it is given, single laws in these equations
+            come first, and the answer is None unless one of them leaves clearly less.
     """
     with _model(opened, effort) as model:
         inner = [one for one in model.places() if Port.of(one.name) in opened.openings]

@@ -26,7 +26,7 @@ _TOGETHER = 8
 # Steps of a fit to the end, and of one by exact derivatives for all that leave so many times the least.
 MANY, _EXACT, _CLOSE = 12, 6, 1.15
 # Part of the noise by which half the step may change a simulation, and by how much steps are divided at most.
-_STEP_ERROR, _FINEST = 0.3, 8
+_STEP_ERROR, _FINEST = 0.1, 8
 # Fits that leave more than this many times the best are not carried on.
 _BEHIND = 1.6
 # The logs are explained where this much of the noise is left, and it forgets itself within so many samples,
