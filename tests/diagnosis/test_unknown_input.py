@@ -407,9 +407,7 @@ def test_a_fit_begins_where_the_law_leaves_less(fmus: Path, suits: bool, monkeyp
 
 
 @pytest.mark.parametrize(("corner", "finer"), [(5e-4, True), (0.3, False)])
-def test_steps_are_finer_where_a_law_is_faster_than_the_model(
-    fmus: Path, corner: float, finer: bool
-) -> None:
+def test_steps_are_finer_where_a_law_is_faster_than_the_model(fmus: Path, corner: float, finer: bool) -> None:
     study = load_port_study(logged(fmus, lambda x, v: -4.0 * math.tanh(v / corner), seconds=4.0))
     with StateModel(study) as model:
         search = Search(Runs(model, study.of(Role.TRAIN)), lambda _: None)

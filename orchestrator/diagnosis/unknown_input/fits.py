@@ -183,28 +183,25 @@ class Fits:
         ])  # fmt: skip
         if not self.allowed("finer steps and exact derivatives"):
             return best_of_each([*found, *ended])
-        near = self._near(*found, *ended)
         stepped = in_parallel([
             partial(self.fit, fit.laws, fit.polished.constants, fit.polished.starts, MANY, self.samples)
-            for fit in ended if near(fit) and self._need_finer_steps(fit)
+            for fit in self._close(ended, found) if self._need_finer_steps(fit)
         ])  # fmt: skip
         # Exact derivatives see the corners of a law, but cost most.
         ended = best_of_each([*ended, *stepped])
-        near = self._near(*ended)
         exact = self.fit_each(
-            ((fit.laws, fit.polished.constants, fit.polished.starts) for fit in ended if near(fit)),
+            ((fit.laws, fit.polished.constants, fit.polished.starts) for fit in self._close(ended)),
             _EXACT, self.samples, exact=True,
         )  # fmt: skip
-        self._near(*exact)
         self._ended += [fit.fitted for fit in (*ended, *exact)]
         return best_of_each([*found, *ended, *exact])
 
-    def _near(self, *found: Fit) -> Callable[[Fit], bool]:
-        """Whether a fit leaves nearly as little as the best so far of as many laws, but more than noise."""
-        for fit in found:
+    def _close(self, fits: Sequence[Fit], others: Sequence[Fit] = ()) -> list[Fit]:
+        """Those that leave nearly as little as the best so far of as many laws, but more than noise."""
+        for fit in (*fits, *others):
             count = len(fit.laws)
             self._least[count] = min(fit.remains, self._least.get(count, np.inf))
-        return lambda fit: _EXPLAINED < fit.remains < _CLOSE * self._least[len(fit.laws)]
+        return [one for one in fits if _EXPLAINED < one.remains < _CLOSE * self._least[len(one.laws)]]
 
     def _need_finer_steps(self, fit: Fit) -> bool:
         """Whether half the step changes a simulation; steps of these laws are divided from then on.
