@@ -456,7 +456,7 @@ CASES = [
     Case("brush drop", SERVO,
          lambda: Hidden("drop", lambda t, v, z, angle, speed, current: v - 0.8 * tanh(current / 0.05)),
          ("voltage drop",), ("brush drop",)),
-    Case("iron saturation", SERVO,
+    Case("smooth saturation", SERVO,
          lambda: Hidden("current", lambda t, i, z, **s: 2.5 * tanh(i / 2.5)), ("saturation",)),
     Case("self-heating", SERVO,
          lambda: Hidden("drop", lambda t, v, z, angle, speed, current: v - 0.15 * z[0] * current, [0.0],

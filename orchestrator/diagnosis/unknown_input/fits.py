@@ -14,7 +14,7 @@ from ...base.parallel import in_parallel
 from .held_out_replay import closed
 from .law_fit import Candidate, Fitted
 from .laws import Number
-from .places import Runs
+from .places import STEP_ERROR, Runs
 from .polish import Polished, Replays, polished
 from .score import SAMPLES
 
@@ -25,8 +25,8 @@ _STEPS, _RIVALS = 5, 4
 _TOGETHER = 8
 # Steps of a fit to the end, and of one by exact derivatives for all that leave so many times the least.
 MANY, _EXACT, _CLOSE = 12, 6, 1.15
-# Part of the noise by which half the step may change a simulation, and by how much steps are divided at most.
-_STEP_ERROR, _FINEST = 0.1, 8
+# By how much steps are divided at most.
+_FINEST = 8
 # Fits that leave more than this many times the best are not carried on.
 _BEHIND = 1.6
 # The logs are explained where this much of the noise is left, and it forgets itself within so many samples,
@@ -217,7 +217,7 @@ class Fits:
         while most < _FINEST:
             finer[key] = 2 * most
             before, now = now, replays.residual(fit.polished.constants)
-            if np.sqrt(np.mean((now - before) ** 2)) < _STEP_ERROR:
+            if np.sqrt(np.mean((now - before) ** 2)) < STEP_ERROR:
                 break
             most *= 2
         finer[key] = most

@@ -98,7 +98,7 @@ class StateModel:
         self.compared = tuple(study.compared)
         problems = [
             Problem(
-                str(one), "the connection has effects with memory", "", "Diagnose it with the port search."
+                str(one), "the connection has effects with memory", "", "Its master simulates the system."
             )
             for one in system.connections
             if one.wire is not None and one.wire.every_link
@@ -159,7 +159,7 @@ class StateModel:
 
     def _plan(self, one: Instance, nominal: set[Port], problems: list[Problem]) -> Any:
         fmu = one.fmu
-        remedy = "Build the component with `orchestrator build`, or diagnose it with the port search."
+        remedy = "Build the component with `orchestrator build`, or let its master simulate the system."
         if (
             not isinstance(fmu, CompiledFmu)
             or fmu.run_options.isolated

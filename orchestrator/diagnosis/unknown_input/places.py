@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 _MOVES = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
 # Samples that rank places roughly; nats a value by which places that are looked at may fall behind.
 _BRIEF, _APART = 400, 1.0
+# Part of the noise by which half the step may change a simulation.
+STEP_ERROR = 0.1
 # Variance of a start state over the square of its spread, and of a state that a log starts.
 _START = 1.0
 
@@ -62,10 +64,7 @@ class Runs:
         if model.filters:
             size = np.maximum(np.abs(model.start), 1e-3)
             self.sub = max(substeps(model, size, ext[0]) for ext, *_ in self.data)
-        found = []
-        for ext, held, _, start in self.data:
-            z = np.concatenate([start, model.nominal])
-            found.append(self.simulated(ext, held, z, signals=True)[1])
+        found = self._with_longer_steps()
         slopes = np.vstack([np.diff(one, axis=0) / model.study.interval for one in found])
         slopes = slopes[np.isfinite(slopes).all(axis=1)]
         self.slope = slopes.std(axis=0) if len(slopes) else np.ones(slopes.shape[1])
@@ -86,6 +85,28 @@ class Runs:
         self.spread = np.where(spread > 0.0, spread, 1e-6 * np.maximum(1.0, np.abs(every).max(initial=0.0)))
         self.scale = np.concatenate([self.spread[:count], np.maximum(model.tolerance, 1e-12)])
         self.length = float(np.mean([len(run) for run in runs])) * model.study.interval
+
+    def _with_longer_steps(self) -> list[Array]:
+        """Signals of the runs as configured; steps get twice as long where that changes little."""
+
+        def configured() -> tuple[list[Array], list[Array]]:
+            made = [
+                self.simulated(ext, held, np.concatenate([start, self.model.nominal]), signals=True)
+                for ext, held, _, start in self.data
+            ]
+            return [one for one, _ in made], [signals for _, signals in made]
+
+        fine, signals = configured()
+        short = self.sub
+        if short > 1:
+            self.sub = (short + 1) // 2
+            coarse, _ = configured()
+            change = np.concatenate([
+                (one - two) / self.model.noise for one, two in zip(coarse, fine, strict=True)
+            ])  # fmt: skip
+            if not float(np.sqrt(np.mean(change**2))) < STEP_ERROR:
+                self.sub = short
+        return signals
 
     def simulated(
         self, ext: Array, held: Any, z: Array, laws: Sequence[Inserted] = (), signals: bool = False

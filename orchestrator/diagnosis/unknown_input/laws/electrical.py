@@ -70,7 +70,7 @@ LAWS = [
         rare=True,
     ),
     Law(
-        "iron saturation",
+        "smooth saturation",
         "saturation",
         (Number("limit", "u", (0.9,), "most", positive=True),),
         _iron,
@@ -78,7 +78,7 @@ LAWS = [
         kinds=(1, 3),
         linear=False,
         modelica="y = limit*tanh(u/limit) - u;",
-        sentence="Torque or flux that falls behind the current as iron saturates; any smooth limit.",
+        sentence="A limit that is approached smoothly: the force of a tyre, the flux of iron.",
         rare=True,
     ),
     Law(
