@@ -46,6 +46,8 @@ _SOMEWHERE = 0.8
 _ALIKE = 0.9
 # An answer inside a component has to leave so much less than the best one outside.
 _CLEARLY = 0.8
+# Share of the residual that a law inside must explain by its score to be fitted before pairs outside.
+_PROMISING = 0.3
 # Least probability of a rival that is worth an experiment, and rivals that experiments separate.
 _LIKELY, _RIVALS = 0.02, 4
 
@@ -134,7 +136,7 @@ def _inside(
         progress("inner equations")
         made = None
         if outside is not None:
-            brief = _Inquiry(opened, model, progress, inner)
+            brief = _Inquiry(opened, model, progress, inner, _PROMISING)
             if brief.least >= _CLEARLY * outside:
                 return None
             made = brief.answer(further=False) if brief.explained else None
@@ -155,7 +157,7 @@ class _Inquiry:
 
     def __init__(
         self, study: PortStudy, model: StateModel, progress: Callable[[str], None],
-        places: Sequence[Place] | None = None,
+        places: Sequence[Place] | None = None, promising: float = 0.0,
     ) -> None:  # fmt: skip
         progress("calibration")
         self._model, self._progress, model.study = model, progress, study
@@ -163,7 +165,7 @@ class _Inquiry:
         self._study = model.study
         model.study = thinned(model)
         self._search = Search(Runs(model, model.study.of(Role.TRAIN, Role.VALIDATION)), progress, places)
-        self._found = self._search.begun()
+        self._found = self._search.begun(promising)
         self.explained = not self._search.places or self._search.explained(self._found)
         self.least = min(one.remains for one in self._found)
 

@@ -89,9 +89,19 @@ class Search(Fits):
                 return True
         return False
 
-    def begun(self) -> list[Fit]:
-        """Fits of the first stages: no law, and single laws."""
-        return [Fit(self.nothing, self.base), *(self._single_laws() if self.places else [])]
+    def begun(self, promising: float = 0.0) -> list[Fit]:
+        """Fits of the first stages: no law, and single laws.
+
+        Args:
+            promising: share of the residual that one of these must explain by its score, else none is fitted.
+        """
+        found = [Fit(self.nothing, self.base)]
+        if self.places:
+            self.progress("laws")
+            self._scores = self.scores(*self.begins)
+            most = max((law.share for scores in self._scores for law in scores.candidates), default=0.0)
+            found += self._single_laws() if most >= promising else []
+        return found
 
     def further(self, found: Sequence[Fit]) -> list[Fit]:
         """Fits of all stages: those of the first ones, rarer laws, pairs, and what a filter reads."""
@@ -118,8 +128,6 @@ class Search(Fits):
 
     def _single_laws(self) -> list[Fit]:
         """Laws alone, each beside others of its family."""
-        self.progress("laws")
-        self._scores = self.scores(*self.begins)
         tried = self._from_begins(self._scores, partial(_singly, most=_TRIED, each=_EACH))
         if tried and not self.explained(tried) and self.allowed("laws of the same family"):
             for one in _best_of_families(best_of_each(tried))[:_BEAM]:
