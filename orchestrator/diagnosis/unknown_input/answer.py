@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from time import perf_counter
 from typing import Any
 
@@ -103,16 +104,17 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
     Args:
         progress: takes the name of each stage.
     """
-    begin, effort = perf_counter(), Effort()
+    begin, effort, opened = perf_counter(), Effort(), cache(lambda: with_openings(study))
     # With many small matrices, threads of BLAS wait for one another.
     with threadpool_limits(1):
         with _model(study, effort) as model:
             outside, has_states = _Inquiry(study, model, progress), model.filters
-            opened = with_openings(study) if has_states and not outside.explained else None
-            found = None if opened is None else _inside(opened, effort, progress, outside.least)
+            found = None
+            if has_states and not outside.explained and (inner := opened()):
+                found = _inside(inner, effort, progress, outside.least)
             found = found or outside.answer()
-        if opened is not None and not found.openings and found.remains > _NEAR_NOISE:
-            inside = _inside(opened, effort, progress) if effort.allows() else None
+        if has_states and not found.openings and found.remains > _NEAR_NOISE and (inner := opened()):
+            inside = _inside(inner, effort, progress) if effort.allows() else None
             if inside is not None and inside.remains < _CLEARLY * found.remains:
                 found = inside
             elif not effort.allows():

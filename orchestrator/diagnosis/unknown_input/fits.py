@@ -204,7 +204,7 @@ class Fits:
         return [one for one in fits if _EXPLAINED < one.remains < _CLOSE * self._least[len(one.laws)]]
 
     def _need_finer_steps(self, fit: Fit) -> bool:
-        """Whether half the step changes a simulation; steps of these laws are divided from then on.
+        """Whether half the step changes a simulation; later simulations of these laws then take finer ones.
 
         The model alone sets the step. A corner as of dry friction is faster.
         """
