@@ -569,6 +569,24 @@ def test_an_answer_that_held_out_runs_contradict_gives_way_to_a_usual_one_about_
         assert replay.remains == (2.8 if chosen == 2 else 3.3)
 
 
+@pytest.mark.parametrize(("left", "chosen"), [(3.0, 0), (9.0, 1)])
+def test_held_out_runs_decide_between_likelihood_and_tolerances(left: float, chosen: int) -> None:
+    """A likelier law that needs a parameter beyond its tolerance, and one that does not."""
+    weighed = [
+        fit_of(("cubic stiffness",), 2.2, 90.0, True),
+        fit_of(("progressive stiffness",), 3.9, 50.0),
+        fit_of((), 22.0, 0.0),
+    ]
+    assert choose_answer(FAR_OR_NOT, weighed) == 1
+
+    def judged(one: Fitted) -> Any:
+        return SimpleNamespace(remains=left if one.laws[0].law.name == "cubic stiffness" else 14.0)
+
+    found, _, remarks = verdict.confirmed(FAR_OR_NOT, weighed, 1, judged, 58.0)
+    assert found == chosen
+    assert any("leaves 14 times the noise on held-out runs" in one for one in remarks) is (chosen == 0)
+
+
 def test_the_simpler_law_of_a_family_is_not_a_rare_one() -> None:
     best_first = [("stribeck", 4.0, 500.0), ("Dahl friction", 4.2, 400.0), ("coulomb", 4.4, 300.0)]
     weighed = [*(fit_of((name,), left, nats) for name, left, nats in best_first), fit_of((), 10.0, 0.0)]

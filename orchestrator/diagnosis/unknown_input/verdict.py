@@ -54,7 +54,10 @@ def confirmed(
     search: Search, weighed: Sequence[Weighed], chosen: int, judged: Callable[[Fitted], HeldOutReplay],
     calibrated: float,
 ) -> tuple[int, HeldOutReplay, list[str]]:  # fmt: skip
-    """The answer, or one about as likely if held-out runs contradict the answer and confirm that one.
+    """The answer, or another one that held-out runs confirm.
+
+    That is one about as likely, if these runs contradict the answer. Or it is a likelier one that was passed
+    over for a parameter beyond its tolerance, if it halves what the answer leaves there.
 
     Args:
         judged: replays held-out runs with laws.
@@ -63,18 +66,32 @@ def confirmed(
     """
     answer = weighed[chosen]
     own = judged(answer.fitted)
-    if not answer.fitted.laws or closed(calibrated, own.remains) >= _CLOSES:
+    if not answer.fitted.laws:
+        return chosen, own, []
+    names = " + ".join(law.name for law in answer.fitted.laws)
+    others = [
+        (k, one) for k, one in enumerate(weighed)
+        if k != chosen and len(one.fitted.laws) == len(answer.fitted.laws) and significant(one.fitted)
+    ]  # fmt: skip
+    far = bool(search.far(answer.polished.constants))
+    likeliest = others[: 0 if far else 1]
+    for k, one in likeliest:
+        beyond = one.evidence > answer.evidence + LEAST and search.far(one.polished.constants)
+        if beyond and rare(one.fitted) <= rare(answer.fitted):
+            other = judged(one.fitted)
+            if closed(own.remains, other.remains) >= _CLOSES:
+                left = f"but leaves {own.remains:.3g} times the noise on held-out runs"
+                return k, other, [f"{names} needs no parameter beyond its tolerance, {left}."]
+    if closed(calibrated, own.remains) >= _CLOSES:
         return chosen, own, []
     near = [
-        k for k, one in enumerate(weighed)
-        if k != chosen and len(one.fitted.laws) == len(answer.fitted.laws) and significant(one.fitted)
-        and abs(one.evidence - answer.evidence) < AS_LIKELY
-        and (search.far(answer.polished.constants) or not search.far(one.polished.constants))
+        k for k, one in others
+        if abs(one.evidence - answer.evidence) < AS_LIKELY
+        and (far or not search.far(one.polished.constants))
     ]  # fmt: skip
     for k in sorted(near, key=lambda one: rare(weighed[one].fitted))[:_RIVALS]:
         other = judged(weighed[k].fitted)
         if closed(calibrated, other.remains) >= _CLOSES:
-            names = " + ".join(law.name for law in answer.fitted.laws)
             return k, other, [f"Fitted runs make {names} as likely, but held-out runs contradict it."]
     return chosen, own, []
 
