@@ -1,8 +1,8 @@
 """A flat model whose inner equations take inputs, so that what they lack can be found and added.
 
 A force between two states appears in no derivative alone: a tyre acts on the sideslip and on the yaw rate,
-friction at a pivot on both equations of motion. An input is added where such a force is calculated, or in a
-balance that holds several derivatives.
+friction at a pivot on both equations of motion. An input is added where such a force is calculated, in a
+balance that holds several derivatives, or to a product that stands in several equations.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class Opening:
     """An input that is added inside a model.
 
     Attributes:
-        name: of the input: the variable that an equation calculates, or one made up for an output or a
-            balance.
-        equation: as the flat model has it.
+        name: of the input: the variable that an equation calculates, or one made up for an output, a balance
+            or a product.
+        equation: as the flat model has it; of a product, itself and others in the same equations.
         before: output, the variable without what is added; "" in a balance.
         signals: outputs, variables and sums in the equation that laws may read.
     """
@@ -100,6 +100,7 @@ class _Opener:
             binary = one["residual"].get("Binary") if isinstance(one["residual"], dict) else None
             if number not in looped and binary and binary["op"] == "Sub":
                 self._open(number, binary["lhs"], binary["rhs"])
+        self._open_products([k for k in range(len(flat["equations"])) if k not in looped])
 
     def text(self) -> str:
         """The model's text."""
@@ -164,6 +165,41 @@ class _Opener:
         added = {"op": "Add" if sign > 0 else "Sub", "lhs": binary["rhs"], "rhs": _reference(name)}
         binary["rhs"] = _reference(name) if sign > 0 and self._shown(right) == "0" else {"Binary": added}
         self._declare("input", name, unit)
+
+    def _open_products(self, numbers: Sequence[int]) -> None:
+        """Add an input to each force or flow that stands in several equations as the same product.
+
+        Those that stand in the same equations act together. So laws there may read the signals of all.
+        """
+        equations, variables = self._flat["equations"], self._flat["variables"]
+        held: dict[str, set[int]] = {}
+        products: dict[str, Json] = {}
+        for number in numbers:
+            for one in _products(equations[number]["residual"]):
+                held.setdefault(_bare(one), set()).add(number)
+                products.setdefault(_bare(one), one)
+        together: dict[frozenset[int], list[Opening]] = {}
+        for key, body in products.items():
+            unit = next((one for one in _ACTING if self._measures.fit(body, one)), "")
+            varies = any(variables[one]["variability"] == "Empty" for one in _names(body) if one in variables)
+            shown = self._shown(body)
+            name = f"{_ACTING.get(unit, '')}_of_{_plain(shown)}"
+            if len(held[key]) < 2 or not unit or not varies or len(shown) > _LONGEST or name in variables:
+                continue
+            one = self._listed(name, shown, body, unit)
+            if one is None:
+                continue
+            together.setdefault(frozenset(held[key]), []).append(replace(one, before=f"{name}_before"))
+            whole = {"Binary": {"op": "Add", "lhs": body, "rhs": _reference(name)}}
+            for number in held[key]:
+                equations[number]["residual"] = _with(equations[number]["residual"], key, whole)
+            self._equations.append(f"  {name}_before = {shown};\n")
+            self._declare("input", name, unit)
+            self._declare("output", f"{name}_before", unit)
+        for numbers_of, some in together.items():
+            signals = tuple(dict.fromkeys(each for one in some for each in one.signals))
+            about = f"{' and '.join(one.equation for one in some)}, in {len(numbers_of)} equations"
+            self.made += [replace(one, equation=about, signals=signals) for one in some]
 
     def _listed(self, name: str, equation: str, body: Json, unit: str) -> Opening | None:
         """An opening with the signals in its equation, which become outputs; None if it is not asked for."""
@@ -268,6 +304,31 @@ def _derived(body: Any) -> set[str]:
     """Variables whose derivative stands in an expression."""
     calls = [one["BuiltinCall"] for one in _nodes(body) if "BuiltinCall" in one]
     return {name for one in calls if one["function"] == "Der" and (name := _name_of(one["args"][0]))}
+
+
+def _products(body: Any) -> Iterator[Json]:
+    """Products and quotients in an expression, the parts of one after it."""
+    for one in _nodes(body):
+        if one.get("Binary", {}).get("op") in ("Mul", "Div") and not _derived(one):
+            yield one
+
+
+def _bare(body: Any) -> str:
+    """A text that is equal for equal expressions."""
+    if isinstance(body, dict):
+        name = _name_of(body)
+        parts = (f"{key}:{_bare(one)}" for key, one in body.items() if key != "span")
+        return name or f"({','.join(parts)})"
+    return f"[{','.join(map(_bare, body))}]" if isinstance(body, list) else str(body)
+
+
+def _with(body: Any, key: str, by: Json) -> Any:
+    """An expression with a part, by its bare text, replaced."""
+    if isinstance(body, list):
+        return [_with(one, key, by) for one in body]
+    if not isinstance(body, dict):
+        return body
+    return by if _bare(body) == key else {name: _with(one, key, by) for name, one in body.items()}
 
 
 def _terms(body: Json) -> Iterator[Json]:

@@ -64,6 +64,22 @@ equation
 end Trolley;
 """,
 }
+MODELS["Shaft"] = """model Shaft "Two inertias on a shaft, whose torque no variable holds"
+  parameter Real j(unit="kg.m2")=0.1;
+  parameter Real k(unit="N.m/rad")=50;
+  parameter Real d(unit="N.m.s/rad")=0.2;
+  input Real torque(unit="N.m");
+  output Real phi1(unit="rad", start=0, fixed=true);
+  output Real w1(unit="rad/s", start=0, fixed=true);
+  output Real phi2(unit="rad", start=0, fixed=true);
+  output Real w2(unit="rad/s", start=0, fixed=true);
+equation
+  der(phi1)=w1;
+  der(phi2)=w2;
+  der(w1)=(torque - k*(phi1 - phi2) - d*(w1 - w2))/j;
+  0.2*der(w2)=k*(phi1 - phi2) + d*(w1 - w2) - 0.3*w2;
+end Shaft;
+"""
 # The same vehicle, whose force on the front axle is an output, too.
 MODELS["Measured"] = (
     MODELS["Vehicle"].replace("Vehicle", "Measured").replace("  Real force_front(unit=\"N\");\n", "")
@@ -152,6 +168,21 @@ def trolley_logs(seed: int, count: int) -> np.ndarray:
     return np.column_stack([time, [force(t) for t in time], *noisy])
 
 
+def shaft_logs(seed: int, count: int) -> np.ndarray:
+    """The shaft has a play of 0.06 rad."""
+    torque, time = tones(seed, 1.2, 0.8, 9.0), STEP * np.arange(count)
+    random = np.random.default_rng(seed)
+
+    def rate(t: float, x: list[float]) -> list[float]:
+        twist = x[0] - x[2]
+        shaft = 50.0 * (twist - float(np.clip(twist, -0.03, 0.03))) + 0.2 * (x[1] - x[3])
+        return [x[1], (torque(t) - shaft) / 0.1, x[3], (shaft - 0.3 * x[3]) / 0.2]
+
+    x = solve_ivp(rate, (0.0, time[-1]), [0, 0, 0, 0], t_eval=time, rtol=1e-8, atol=1e-9, max_step=0.005).y
+    noisy = x[[1, 3]] + 0.01 * random.standard_normal((2, count))
+    return np.column_stack([time, [torque(t) for t in time], *noisy])
+
+
 def test_forces_between_states_are_opened(fmus: Path) -> None:
     text, openings = opened_model(fmus / "Vehicle.mo")
     front, rear, drag = openings
@@ -170,6 +201,17 @@ def test_a_balance_of_two_derivatives_is_opened_with_the_sign_of_its_inertia(fmu
     # The force adds to the other balance already. Here the inertia has a minus before it.
     assert opening.name == "torque_on_w" and not opening.before
     assert "m*g*l*sin(angle) + torque_on_w;" in text
+
+
+def test_a_product_in_several_equations_is_opened_in_all_of_them(fmus: Path) -> None:
+    text, (spring, damper) = opened_model(fmus / "Shaft.mo")
+    assert (spring.name, damper.name) == ("torque_of_k_phi1_phi2", "torque_of_d_w1_w2")
+    assert spring.equation == "k*(phi1 - phi2) and d*(w1 - w2), in 2 equations"
+    assert spring.signals == damper.signals == ("'phi1 - phi2'", "'w1 - w2'")
+    assert text.count("k*(phi1 - phi2) + torque_of_k_phi1_phi2") == 2
+    assert "torque_of_k_phi1_phi2_before = k*(phi1 - phi2);" in text
+    only, made = opened_model(fmus / "Shaft.mo", only=["torque_of_d_w1_w2"])
+    assert [one.name for one in made] == ["torque_of_d_w1_w2"] and "torque_of_k" not in only
 
 
 def test_a_model_that_does_not_compile_is_refused(tmp_path: Path) -> None:
@@ -238,6 +280,21 @@ def test_friction_at_a_pivot_is_found_in_the_balance_of_torques(fmus: Path, tmp_
     assert law["numbers"]["level"]["value"] == pytest.approx(-0.6, rel=0.05)
     text = (tmp_path / "Trolley_corrected.mo").read_text(encoding="utf-8")
     assert "  Real torque_on_w(" in text and "torque_on_w = added_by_law_1.y;" in text
+
+
+@pytest.mark.slow
+def test_play_of_a_shaft_is_found_in_the_equations_of_both_inertias(fmus: Path, tmp_path: Path) -> None:
+    logs = [shaft_logs(1, 400), shaft_logs(2, 300)]
+    seen = {"w1": "0.01 rad/s", "w2": "0.01 rad/s"}
+    path = study_of(fmus, "Shaft", "torque", seen, {"j": "0.002 kg.m2"}, logs)
+    made = diagnose_system(path, tmp_path, report=False)
+    (law,) = made.data["laws"]
+    assert (law["law"], law["place"]) == ("dead band", "part.torque_of_k_phi1_phi2")
+    assert "corrected.yaml" in made.files
+    assert law["numbers"]["stiffness"]["value"] == pytest.approx(-50.0, rel=0.03)
+    assert "phi1 - phi2" in law["signal"] and made.data["held_out"]["closed"] > 0.95
+    text = (tmp_path / "Shaft_corrected.mo").read_text(encoding="utf-8")
+    assert "torque_of_k_phi1_phi2 = added_by_law_1.y;" in text
 
 
 def test_another_law_of_the_same_signal_begins_where_it_does_the_same(fmus: Path) -> None:
