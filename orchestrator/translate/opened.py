@@ -196,9 +196,9 @@ class _Opener:
             self._equations.append(f"  {name}_before = {shown};\n")
             self._declare("input", name, unit)
             self._declare("output", f"{name}_before", unit)
-        for numbers_of, some in together.items():
+        for where, some in together.items():
             signals = tuple(dict.fromkeys(each for one in some for each in one.signals))
-            about = f"{' and '.join(one.equation for one in some)}, in {len(numbers_of)} equations"
+            about = f"{' and '.join(one.equation for one in some)}, in {len(where)} equations"
             self.made += [replace(one, equation=about, signals=signals) for one in some]
 
     def _listed(self, name: str, equation: str, body: Json, unit: str) -> Opening | None:

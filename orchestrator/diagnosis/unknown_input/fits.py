@@ -185,7 +185,7 @@ class Fits:
             return best_of_each([*found, *ended])
         stepped = in_parallel([
             partial(self.fit, fit.laws, fit.polished.constants, fit.polished.starts, MANY, self.samples)
-            for fit in self._close(ended, found) if self._need_finer_steps(fit)
+            for fit in self._close(ended, found) if self._divide_steps(fit)
         ])  # fmt: skip
         # Exact derivatives see the corners of a law, but cost most.
         ended = best_of_each([*ended, *stepped])
@@ -203,8 +203,8 @@ class Fits:
             self._least[count] = min(fit.remains, self._least.get(count, np.inf))
         return [one for one in fits if _EXPLAINED < one.remains < _CLOSE * self._least[len(one.laws)]]
 
-    def _need_finer_steps(self, fit: Fit) -> bool:
-        """Whether half the step changes a simulation; later simulations of these laws then take finer ones.
+    def _divide_steps(self, fit: Fit) -> bool:
+        """Divide the steps of simulations with laws where half the step changes them; whether it did.
 
         The model alone sets the step. A corner as of dry friction is faster.
         """
