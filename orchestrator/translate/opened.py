@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -132,12 +133,16 @@ class _Opener:
         if output:
             self._equations.append(f"  {quoted(name)} = {before} + {added};\n")
         else:
+
+            def named(body: Json) -> bool:
+                return _name_of(body) == name
+
             whole = {"Binary": {"op": "Add", "lhs": _reference(before), "rhs": _reference(added)}}
             for k, equation in enumerate(self._flat["equations"]):
                 if k != number:
-                    equation["residual"] = _replaced(equation["residual"], name, whole)
+                    equation["residual"] = _replaced(equation["residual"], named, whole)
             for key in ("when_chains", "assert_equations", "initial_equations"):
-                self._flat[key] = _replaced(self._flat[key], name, whole)
+                self._flat[key] = _replaced(self._flat[key], named, whole)
             del self._flat["variables"][name]
         self._declare("input", added, unit)
         self._declare("output", before, unit)
@@ -176,15 +181,18 @@ class _Opener:
         products: dict[str, Json] = {}
         for number in numbers:
             for one in _products(equations[number]["residual"]):
-                held.setdefault(_bare(one), set()).add(number)
-                products.setdefault(_bare(one), one)
+                key = _bare(one)
+                held.setdefault(key, set()).add(number)
+                products.setdefault(key, one)
         together: dict[frozenset[int], list[Opening]] = {}
         for key, body in products.items():
+            if len(held[key]) < 2:
+                continue
             unit = next((one for one in _ACTING if self._measures.fit(body, one)), "")
             varies = any(variables[one]["variability"] == "Empty" for one in _names(body) if one in variables)
             shown = self._shown(body)
             name = f"{_ACTING.get(unit, '')}_of_{_plain(shown)}"
-            if len(held[key]) < 2 or not unit or not varies or len(shown) > _LONGEST or name in variables:
+            if not unit or not varies or len(shown) > _LONGEST or name in variables:
                 continue
             one = self._listed(name, shown, body, unit)
             if one is None:
@@ -192,7 +200,8 @@ class _Opener:
             together.setdefault(frozenset(held[key]), []).append(replace(one, before=f"{name}_before"))
             whole = {"Binary": {"op": "Add", "lhs": body, "rhs": _reference(name)}}
             for number in held[key]:
-                equations[number]["residual"] = _with(equations[number]["residual"], key, whole)
+                residual = equations[number]["residual"]
+                equations[number]["residual"] = _replaced(residual, partial(_is_bare, key), whole)
             self._equations.append(f"  {name}_before = {shown};\n")
             self._declare("input", name, unit)
             self._declare("output", f"{name}_before", unit)
@@ -322,13 +331,8 @@ def _bare(body: Any) -> str:
     return f"[{','.join(map(_bare, body))}]" if isinstance(body, list) else str(body)
 
 
-def _with(body: Any, key: str, by: Json) -> Any:
-    """An expression with a part, by its bare text, replaced."""
-    if isinstance(body, list):
-        return [_with(one, key, by) for one in body]
-    if not isinstance(body, dict):
-        return body
-    return by if _bare(body) == key else {name: _with(one, key, by) for name, one in body.items()}
+def _is_bare(key: str, body: Json) -> bool:
+    return _bare(body) == key
 
 
 def _terms(body: Json) -> Iterator[Json]:
@@ -366,12 +370,12 @@ def _sign_of(body: Json, state: str) -> int:
     return 1
 
 
-def _replaced(body: Any, name: str, by: Json) -> Any:
-    """An expression with a variable replaced."""
+def _replaced(body: Any, chosen: Callable[[Json], bool], by: Json) -> Any:
+    """An expression with the parts that are chosen replaced."""
     if isinstance(body, list):
-        return [_replaced(one, name, by) for one in body]
+        return [_replaced(one, chosen, by) for one in body]
     if not isinstance(body, dict):
         return body
-    if _name_of(body) == name:
+    if chosen(body):
         return by
-    return {key: _replaced(one, name, by) for key, one in body.items()}
+    return {key: _replaced(one, chosen, by) for key, one in body.items()}
