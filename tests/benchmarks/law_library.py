@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from orchestrator.diagnosis.study.reader import load_port_study
-from orchestrator.diagnosis.unknown_input.answer import Answer, answer
+from orchestrator.diagnosis.unknown_input.answer import Answer
+from orchestrator.diagnosis.unknown_input.inquiry import answer
 
 __all__ = ["CASES", "Case", "built", "logged", "right"]
 

@@ -25,7 +25,8 @@ import numpy as np
 from orchestrator.base.errors import OrchestratorError
 from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.study.study import is_port_study
-from orchestrator.diagnosis.unknown_input.answer import Answer, answer
+from orchestrator.diagnosis.unknown_input.answer import Answer
+from orchestrator.diagnosis.unknown_input.inquiry import answer
 
 MEASURED = Path(__file__).parent / "measured_machines"
 # Columns of the friction damper's logs, and what makes SI units of them.

@@ -14,8 +14,8 @@ import pytest
 
 from orchestrator.base.units import UnitError, parse_unit
 from orchestrator.diagnosis.study.reader import load_port_study
-from orchestrator.diagnosis.unknown_input.answer import answer
 from orchestrator.diagnosis.unknown_input.corrected import write_corrected
+from orchestrator.diagnosis.unknown_input.inquiry import answer
 from orchestrator.diagnosis.unknown_input.laws import Law, library
 
 _FILE = Path(__file__).parents[1] / "benchmarks" / "law_library.py"

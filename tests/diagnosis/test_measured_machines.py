@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from orchestrator.diagnosis.study.reader import load_port_study
-from orchestrator.diagnosis.unknown_input.answer import answer
+from orchestrator.diagnosis.unknown_input.inquiry import answer
 from tests.benchmarks.unknown_input import MEASURED, built
 
 pytest.importorskip("rumoca")

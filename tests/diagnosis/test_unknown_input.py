@@ -27,12 +27,12 @@ from orchestrator.diagnosis.study.player import Player
 from orchestrator.diagnosis.study.reader import load_port_study
 from orchestrator.diagnosis.study.study import Role
 from orchestrator.diagnosis.unknown_input import effort, verdict
-from orchestrator.diagnosis.unknown_input.answer import answer
 from orchestrator.diagnosis.unknown_input.choice import choose_answer, rivals_of, significant
 from orchestrator.diagnosis.unknown_input.corrected import write_corrected
 from orchestrator.diagnosis.unknown_input.diagnose import DiagnosedSystem
 from orchestrator.diagnosis.unknown_input.evaluation import Inserted, Kinds, Place
 from orchestrator.diagnosis.unknown_input.fits import Weighed
+from orchestrator.diagnosis.unknown_input.inquiry import answer
 from orchestrator.diagnosis.unknown_input.law_fit import Candidate, Fitted, readable, spread_out, starts_of
 from orchestrator.diagnosis.unknown_input.laws import library
 from orchestrator.diagnosis.unknown_input.model import StateModel

@@ -127,7 +127,7 @@ def _searched(folder: Path) -> dict[str, Any]:
     """What the search says of a case."""
     from ..study.native import in_native_form
     from ..study.reader import load_port_study
-    from ..unknown_input.answer import answer
+    from ..unknown_input.inquiry import answer
     from ..unknown_input.report import data_of
 
     begin = _processor_seconds()

@@ -18,8 +18,9 @@ from ..study.mistakes import WarnedOfMaster
 from ..study.native import in_native_form
 from ..study.reader import load_port_study
 from ..study.study import PortStudy
-from .answer import Answer, answer
+from .answer import Answer
 from .corrected import write_corrected
+from .inquiry import answer
 from .report import data_of, text_of
 
 # Most that "none" is stated with where a device was not searched.

@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .law_fit import Candidate
+from .choice import Rival
+from .fits import Weighed
+from .law_fit import Candidate, Fitted
 from .places import Runs
+from .search import Search
 
 Array = NDArray[np.float64]
 # Runs that can be made: amplitude of what is fed, and its speed, over those of the first run.
@@ -20,6 +23,8 @@ _RUNS = (
 )  # fmt: skip
 # Differences that a run must show, over the noise, and that a sensor must, over the spread of its signal.
 _SEEN, _SHARE = 3.0, 0.05
+# Least probability of a rival that is worth an experiment, and rivals that experiments separate.
+_LIKELY, _MOST = 0.02, 4
 
 
 @dataclass(frozen=True)
@@ -55,6 +60,36 @@ class Experiment:
     rival: str
     difference: float
     before: float
+
+
+def experiments_for(
+    search: Search, weighed: Sequence[Weighed], chosen: int,
+    elsewhere: Sequence[Fitted], rivals: Sequence[Rival],
+) -> list[Experiment]:  # fmt: skip
+    """What separates the answer from likely rivals, and from laws that act the same on these logs."""
+    search.model.study = search.study
+    best, found, _ = weighed[chosen]
+    probable = [one.fitted for one in rivals if one.probability > _LIKELY]
+    likely = {id(one) for one in [*elsewhere, *probable][:_MOST]}
+    others = [
+        FittedAnswer(one.laws, two.constants, two.starts) for one, two, _ in weighed if id(one) in likely
+    ]
+    wires = [
+        {str(one.sources[0]), str(one.target)}
+        for one in search.study.prepared.system.connections
+        if len(one.sources) == 1
+    ]
+    for k, law in enumerate(best.laws):
+        for twin in search.twins.get(law.name, [])[:_MOST]:
+            if twin.law is law.law and {law.place.name, twin.place.name} in wires:
+                continue  # both ends of a connection are one place of the machine
+            constants = found.constants
+            if twin.law is not law.law:
+                at = len(search.model.nominal) + sum(len(one.law.numbers) for one in best.laws[:k])
+                constants = np.r_[constants[:at], twin.numbers, constants[at + len(law.law.numbers) :]]
+            laws = (*best.laws[:k], twin, *best.laws[k + 1 :])
+            others.append(FittedAnswer(laws, constants, found.starts))
+    return separating(search.runs, FittedAnswer(best.laws, found.constants, found.starts), others)
 
 
 def separating(runs: Runs, answer: FittedAnswer, rivals: Sequence[FittedAnswer]) -> list[Experiment]:

@@ -74,25 +74,26 @@ def confirmed(
         if k != chosen and len(one.fitted.laws) == len(answer.fitted.laws) and significant(one.fitted)
     ]  # fmt: skip
     far = bool(search.far(answer.polished.constants))
-    likeliest = others[: 0 if far else 1]
-    for k, one in likeliest:
+    # Answers to try, what each has to halve, and the remark on the one that was passed over.
+    tried: list[tuple[int, float, str]] = []
+    for k, one in others[: 0 if far else 1]:
         beyond = one.evidence > answer.evidence + LEAST and search.far(one.polished.constants)
         if beyond and rare(one.fitted) <= rare(answer.fitted):
-            other = judged(one.fitted)
-            if closed(own.remains, other.remains) >= _CLOSES:
-                left = f"but leaves {own.remains:.3g} times the noise on held-out runs"
-                return k, other, [f"{names} needs no parameter beyond its tolerance, {left}."]
-    if closed(calibrated, own.remains) >= _CLOSES:
-        return chosen, own, []
-    near = [
-        k for k, one in others
-        if abs(one.evidence - answer.evidence) < AS_LIKELY
-        and (far or not search.far(one.polished.constants))
-    ]  # fmt: skip
-    for k in sorted(near, key=lambda one: rare(weighed[one].fitted))[:_RIVALS]:
+            left = f"but leaves {own.remains:.3g} times the noise on held-out runs"
+            tried.append((k, own.remains, f"{names} needs no parameter beyond its tolerance, {left}."))
+    if closed(calibrated, own.remains) < _CLOSES:
+        near = [
+            k for k, one in others
+            if abs(one.evidence - answer.evidence) < AS_LIKELY
+            and (far or not search.far(one.polished.constants))
+        ]  # fmt: skip
+        remark = f"Fitted runs make {names} as likely, but held-out runs contradict it."
+        usual_first = sorted(near, key=lambda one: rare(weighed[one].fitted))
+        tried += [(k, calibrated, remark) for k in usual_first[:_RIVALS]]
+    for k, before, remark in tried:
         other = judged(weighed[k].fitted)
-        if closed(calibrated, other.remains) >= _CLOSES:
-            return k, other, [f"Fitted runs make {names} as likely, but held-out runs contradict it."]
+        if closed(before, other.remains) >= _CLOSES:
+            return k, other, [remark]
     return chosen, own, []
 
 
