@@ -593,12 +593,22 @@ def test_the_simpler_law_of_a_family_is_not_a_rare_one() -> None:
     assert choose_answer(FAR_OR_NOT, weighed) == 2
 
 
+@pytest.mark.parametrize(("nats", "chosen"), [(113.0, 0), (100.0, 2)])
+def test_the_simpler_law_of_a_family_is_no_answer_where_another_family_explains_more(
+    nats: float, chosen: int
+) -> None:
+    """Thrust by the square of a command is no line that bends, if a dead zone suits the logs better."""
+    laws = [("power curve", 11.7, 120.0), ("dead zone", 12.6, nats), ("gain curve", 15.4, 95.0)]
+    weighed = [*(fit_of((name,), left, evidence) for name, left, evidence in laws), fit_of((), 27.0, 0.0)]
+    assert choose_answer(FAR_OR_NOT, weighed) == chosen
+
+
 @pytest.mark.parametrize(("remains", "chosen"), [(6.6, 0), (7.8, 2)])
 def test_a_rare_law_in_a_pair_needs_not_halve_what_a_pair_leaves_that_is_no_answer(
     remains: float, chosen: int
 ) -> None:
     pairs = [
-        fit_of(("coulomb", "power curve"), remains, 120.0),
+        fit_of(("coulomb", "rate limit"), remains, 120.0),
         fit_of(("coulomb", "dead zone"), 11.0, 90.0),
     ]
     weighed = [*pairs, fit_of(("quadratic drag",), 15.0, 60.0), fit_of((), 30.0, 0.0)]

@@ -100,12 +100,20 @@ def choose_answer(search: Search, weighed: Sequence[Weighed]) -> int:
                 ranked = usual
         if ranked and enough(chosen, best_of(ranked)):
             chosen = best_of(ranked)
-    answer = weighed[chosen]
+    answer, count = weighed[chosen], len(weighed[chosen].fitted.laws)
+    # What an answer of another family explains clearly better is no answer, however few its numbers.
+    others = [
+        one.evidence for one in weighed
+        if len(one.fitted.laws) == count and _kind(one.fitted) != _kind(answer.fitted)
+        and significant(one.fitted) and rare(one.fitted) <= rare(answer.fitted)
+        and not search.far(one.polished.constants)
+    ]  # fmt: skip
     simpler = [
         k for k, one in enumerate(weighed)
         if _kind(one.fitted) == _kind(answer.fitted) and _size(one.fitted) < _size(answer.fitted)
         and closed(one.polished.remains, answer.polished.remains) < _HALF
         and (rare(answer.fitted) or not rare(one.fitted))
+        and one.evidence > max(others, default=-np.inf) - LEAST
     ]  # fmt: skip
     return simpler[0] if simpler else chosen
 

@@ -261,14 +261,13 @@ LAWS = [
     Law(
         "power curve",
         "gain curve",
-        (Number("pivot", "u", (1.0,), "most", positive=True), Number("exponent", "1", (0.6, 1.6), "one")),
+        (Number("pivot", "u", (1.0,), "most", positive=True), Number("exponent", "1", (0.5, 2.0), "one")),
         _power_curve,
         _OWN,
         kinds=(1, 3),
         linear=False,
         modelica="y = sign(u)*pivot*(abs(u)/pivot + 1e-12)^min(max(exponent, 0.1), 5) - u;",
         sentence="Thrust or torque as a power of the command, as of a propeller.",
-        rare=True,
     ),
     Law(
         "cogging",
