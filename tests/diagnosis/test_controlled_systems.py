@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.diagnosis.study.channels import is_stairs
-from orchestrator.diagnosis.study.checks import _hopeless, check_logs
+from orchestrator.diagnosis.study.checks import _hopeless, _mistake, check_logs
 from orchestrator.diagnosis.study.devices import with_devices_fed
 from orchestrator.diagnosis.study.keys import Role
 from orchestrator.diagnosis.study.reader import load_port_study
@@ -335,3 +335,28 @@ def test_mistakes_that_make_the_model_run_away_are_seen_at_the_begin() -> None:
 
     assert _hopeless(replayed(1.0), run, [port], 0.1) and _hopeless(replayed(0.1), run, [port], 0.1)
     assert not _hopeless(replayed(0.01), run, [port], 0.1)
+
+
+@pytest.mark.parametrize(("limit", "delay", "exchanged"), [(0.8, 4, False), (9.0, 20, True)])
+def test_a_drive_at_its_limit_is_no_exchange_of_command_and_position(
+    limit: float, delay: int, exchanged: bool
+) -> None:
+    """Its position is limited, which changes a contact behind it much more than the position."""
+    ports = command, position, force = [Port.of(one) for one in ("a.command", "a.position", "b.force")]
+    steps = np.sin(0.02 * np.arange(2000.0))
+
+    def follow(given: np.ndarray) -> dict[Port, np.ndarray]:
+        late = np.roll(given, delay)
+        return {command: given, position: late, force: np.maximum(late - 0.7, 0.0)}
+
+    true = follow(np.clip(steps, -9.0, limit)) | {command: steps}
+    if exchanged:
+        true |= {command: true[position], position: steps}
+    run = PortRun("run", Role.TRAIN, true)
+    columns = {one: SimpleNamespace(column=str(one), sign=1, unit="m", start=False) for one in ports}
+    study = SimpleNamespace(
+        settled=0, compared=[position, force], fed=[command], columns=columns, unit=lambda port: "m"
+    )
+    replay = SimpleNamespace(study=study, signals=lambda one: follow(one.logs[command]))
+    found = _mistake(replay, run, replay.signals(run))
+    assert (found is not None) is exchanged

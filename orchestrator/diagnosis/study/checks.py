@@ -24,8 +24,8 @@ Signals = Mapping[Port, Array]
 # Misfit of a port, over the variance of its log, above which a mistake is sought. What the misfit may be
 # after the correction, and which share of the misfit before.
 _WRONG, _FITS, _ENOUGH = 0.25, 0.25, 0.1
-# Misfit up to which a port may get worse by the correction.
-_SMALL = 0.01
+# Misfit that counts as none, and share of its misfit that a corrected log may keep.
+_SMALL, _HALF = 0.01, 0.5
 
 # Shares of a run, from its begin, that show in turn whether a mistake can explain it, and fewest samples.
 _BEGINS, _FEWEST = (0.005, 0.02, 0.1, 0.4), 10
@@ -331,8 +331,11 @@ def _mistake(replay: Replay, run: PortRun, given: Signals) -> Mistake | None:
             continue
         after = _misfits(study, other, replay.signals(other) if drives else given)
         share = sum(after.get(one, np.inf) for one in wrong) / sum(before[one] for one in wrong)
-        # A limit of the drive acts as if command and position were exchanged, but the position misses more.
-        worse = any(misfit > max(before.get(one, _FITS), _SMALL) for one, misfit in after.items())
+        # A drive at its limit acts as if command and position were exchanged, but the position still misses.
+        most = {
+            one: left * (1.0 if other.logs[one] is run.logs[one] else _HALF) for one, left in before.items()
+        }
+        worse = any(misfit > max(most.get(one, _FITS), _SMALL) for one, misfit in after.items())
         if share < _ENOUGH and not worse and max(after.values(), default=np.inf) < _FITS:
             found.append((share, port, remedy))
     if not found:
