@@ -587,6 +587,32 @@ def test_held_out_runs_decide_between_likelihood_and_tolerances(left: float, cho
     assert any("leaves 14 times the noise on held-out runs" in one for one in remarks) is (chosen == 0)
 
 
+@pytest.mark.parametrize(
+    ("laws", "fitted", "left", "nats", "chosen"),
+    [
+        (("coulomb", "power curve"), 7.5, 5.5, 120.0, 0),
+        (("coulomb", "power curve"), 7.5, 8.0, 120.0, 1),
+        (("coulomb", "power curve"), 9.5, 5.5, 120.0, 1),
+        (("coulomb", "power curve"), 7.5, 5.5, 65.0, 1),
+        (("coulomb", "cogging"), 7.5, 5.5, 120.0, 1),
+    ],
+)
+def test_two_laws_count_if_they_close_a_third_of_what_one_leaves_on_all_runs(
+    laws: tuple[str, str], fitted: float, left: float, nats: float, chosen: int
+) -> None:
+    """On fitted and on held-out runs, with clear evidence, and without a rare law."""
+    weighed = [
+        fit_of(laws, fitted, nats), fit_of(("power curve",), 12.5, 60.0), fit_of((), 30.0, 0.0)
+    ]  # fmt: skip
+
+    def judged(one: Fitted) -> Any:
+        return SimpleNamespace(remains=left if len(one.laws) == 2 else 10.0)
+
+    assert choose_answer(FAR_OR_NOT, weighed) == 1
+    found, _, remarks = verdict.confirmed(FAR_OR_NOT, weighed, 1, judged, 33.0)
+    assert found == chosen and len(remarks) == (chosen == 0)
+
+
 def test_the_simpler_law_of_a_family_is_not_a_rare_one() -> None:
     best_first = [("stribeck", 4.0, 500.0), ("Dahl friction", 4.2, 400.0), ("coulomb", 4.4, 300.0)]
     weighed = [*(fit_of((name,), left, nats) for name, left, nats in best_first), fit_of((), 10.0, 0.0)]

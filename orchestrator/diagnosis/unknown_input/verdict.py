@@ -9,10 +9,12 @@ from .fits import Weighed
 from .held_out_replay import HeldOutReplay, closed, replayed
 from .law_fit import Fitted
 from .places import Runs
-from .search import LEAST, Search
+from .search import LEAST, SECOND, Search
 
 # Share of the gap on held-out runs that laws must close to be the answer, and to be named as the nearest.
 _CLOSES, _HINT = 0.5, 0.1
+# Share of what one law leaves that two must close on fitted and on held-out runs, where they do not halve it.
+_THIRD = 1.0 / 3.0
 # Rivals that may take the place of an answer that held-out runs contradict.
 _RIVALS = 4
 # Residual over the noise up to which nothing is missing.
@@ -57,7 +59,8 @@ def confirmed(
     """The answer, or another one that held-out runs confirm.
 
     That is one about as likely, if these runs contradict the answer. Or it is a likelier one that was passed
-    over for a parameter beyond its tolerance, if it halves what the answer leaves there.
+    over for a parameter beyond its tolerance, if it halves what the answer leaves there; or two laws, if they
+    close a third of what the one law of the answer leaves, on fitted and on held-out runs.
 
     Args:
         judged: replays held-out runs with laws.
@@ -74,13 +77,14 @@ def confirmed(
         if k != chosen and len(one.fitted.laws) == len(answer.fitted.laws) and significant(one.fitted)
     ]  # fmt: skip
     far = bool(search.far(answer.polished.constants))
-    # Answers to try, what each has to halve, and the remark on the one that was passed over.
-    tried: list[tuple[int, float, str]] = []
+    # Answers to try: of what they have to close which share, and the remark on what is passed over.
+    tried: list[tuple[int, float, float, str]] = []
     for k, one in others[: 0 if far else 1]:
         beyond = one.evidence > answer.evidence + LEAST and search.far(one.polished.constants)
         if beyond and rare(one.fitted) <= rare(answer.fitted):
             left = f"but leaves {own.remains:.3g} times the noise on held-out runs"
-            tried.append((k, own.remains, f"{names} needs no parameter beyond its tolerance, {left}."))
+            remark = f"{names} needs no parameter beyond its tolerance, {left}."
+            tried.append((k, own.remains, _CLOSES, remark))
     if closed(calibrated, own.remains) < _CLOSES:
         near = [
             k for k, one in others
@@ -89,12 +93,30 @@ def confirmed(
         ]  # fmt: skip
         remark = f"Fitted runs make {names} as likely, but held-out runs contradict it."
         usual_first = sorted(near, key=lambda one: rare(weighed[one].fitted))
-        tried += [(k, calibrated, remark) for k in usual_first[:_RIVALS]]
-    for k, before, remark in tried:
+        tried += [(k, calibrated, _CLOSES, remark) for k in usual_first[:_RIVALS]]
+    elif own.remains > SECOND:
+        remark = f"{names} alone leaves {own.remains:.3g} times the noise on held-out runs."
+        tried += [(k, own.remains, _THIRD, remark) for k in _with_a_second(search, weighed, chosen)]
+    for k, before, share, remark in tried:
         other = judged(weighed[k].fitted)
-        if closed(before, other.remains) >= _CLOSES:
+        if closed(before, other.remains) >= share:
             return k, other, [remark]
     return chosen, own, []
+
+
+def _with_a_second(search: Search, weighed: Sequence[Weighed], chosen: int) -> list[int]:
+    """The likeliest two usual laws, if they close a third of what the answer, a single law, leaves."""
+    answer = weighed[chosen]
+    pairs = [
+        k for k, one in enumerate(weighed)
+        if len(one.fitted.laws) == 2 and len(answer.fitted.laws) == 1 and significant(one.fitted)
+        and not rare(one.fitted) and not search.far(one.polished.constants)
+        and one.evidence > answer.evidence + LEAST
+    ]  # fmt: skip
+    return [
+        k for k in pairs[:1]
+        if closed(answer.polished.remains, weighed[k].polished.remains) >= _THIRD
+    ]  # fmt: skip
 
 
 def nearest_laws(
