@@ -155,5 +155,5 @@ def further_law(held: Runs, weighed: Sequence[Weighed], chosen: int, remains: fl
     names = " + ".join(law.name for law in one.laws)
     return [
         f"Two laws leave {left:.3g} times the noise there instead of {remains:.3g}: {names}. "
-        "A second law has to halve what one leaves, so that they are not the answer."
+        "A second law has to close a third of what one leaves, so that they are not the answer."
     ]
