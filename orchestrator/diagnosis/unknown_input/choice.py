@@ -100,6 +100,14 @@ def choose_answer(search: Search, weighed: Sequence[Weighed]) -> int:
                 ranked = usual
         if ranked and enough(chosen, best_of(ranked)):
             chosen = best_of(ranked)
+    return simplest(search, weighed, chosen)
+
+
+def simplest(search: Search, weighed: Sequence[Weighed], chosen: int) -> int:
+    """Index of an answer, or of the same with laws of its families that have fewer numbers and states.
+
+    That is where the answer does not halve what those leave.
+    """
     answer, count = weighed[chosen], len(weighed[chosen].fitted.laws)
     # What an answer of another family explains clearly better is no answer, however few its numbers.
     others = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from .choice import AS_LIKELY, rare, significant
+from .choice import AS_LIKELY, rare, significant, simplest
 from .fits import Weighed
 from .held_out_replay import HeldOutReplay, closed, replayed
 from .law_fit import Fitted
@@ -113,10 +113,8 @@ def _with_a_second(search: Search, weighed: Sequence[Weighed], chosen: int) -> l
         and not rare(one.fitted) and not search.far(one.polished.constants)
         and one.evidence > answer.evidence + LEAST
     ]  # fmt: skip
-    return [
-        k for k in pairs[:1]
-        if closed(answer.polished.remains, weighed[k].polished.remains) >= _THIRD
-    ]  # fmt: skip
+    found = [simplest(search, weighed, k) for k in pairs[:1]]
+    return [k for k in found if closed(answer.polished.remains, weighed[k].polished.remains) >= _THIRD]
 
 
 def nearest_laws(
