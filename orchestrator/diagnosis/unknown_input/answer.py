@@ -107,7 +107,7 @@ class Judgement:
             search, best, closed(before, self._judged.remains), self._share, search.base.remains / spread
         )
         self._remarks = [*remarks, *passed_over]
-        # Laws that held-out runs contradict, where what is left counts as noise.
+        # Laws that held-out runs contradict, where the residual counts as noise.
         self._discarded = bool(best.laws) and self._verdict == "none"
         self._best = search.nothing if self._discarded else best
 
