@@ -543,13 +543,15 @@ def test_two_laws_of_which_neither_is_an_answer_have_to_explain_the_logs(remains
     ("left", "nats", "reported"), [(6.0, 90.0, True), (8.9, 90.0, False), (6.0, 65.0, False)]
 )
 def test_two_laws_that_leave_less_than_the_answer_are_reported(
-    left: float, nats: float, reported: bool, monkeypatch: pytest.MonkeyPatch
+    left: float, nats: float, reported: bool
 ) -> None:
     """If held-out runs confirm it, and the evidence for the second law is clear."""
     weighed = [fit_of(("coulomb", "dead zone"), 7.0, nats), fit_of(("coulomb",), 10.0, 60.0)]
-    monkeypatch.setattr(verdict, "replayed", lambda *_: SimpleNamespace(remains=left))
-    held: Any = None
-    remarks = verdict.further_law(held, weighed, 1, 9.0)
+
+    def judged(one: Fitted) -> Any:
+        return SimpleNamespace(remains=left if len(one.laws) == 2 else 10.0)
+
+    remarks = verdict.further_law(weighed, 1, judged, 9.0)
     assert len(remarks) == reported
     if reported:
         assert "6 times the noise there instead of 9: coulomb at mass.force of" in remarks[0]

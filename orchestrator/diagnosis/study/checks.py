@@ -335,8 +335,10 @@ def _mistake(replay: Replay, run: PortRun, given: Signals) -> Mistake | None:
         most = {
             one: left * (1.0 if other.logs[one] is run.logs[one] else _HALF) for one, left in before.items()
         }
-        worse = any(misfit > max(most.get(one, _FITS), _SMALL) for one, misfit in after.items())
-        if share < _ENOUGH and not worse and max(after.values(), default=np.inf) < _FITS:
+        fits = all(
+            misfit < _FITS and misfit <= max(most.get(one, _FITS), _SMALL) for one, misfit in after.items()
+        )
+        if share < _ENOUGH and fits:
             found.append((share, port, remedy))
     if not found:
         return None

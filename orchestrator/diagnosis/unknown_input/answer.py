@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...system.connection import Port
 from ...translate.opened import Opening
@@ -20,6 +21,7 @@ from .search import Search
 from .separate import Experiment, experiments_for
 from .verdict import confirmed, further_law, nearest_laws, verdict_on
 
+Array = NDArray[np.float64]
 # Learned on random systems (`orchestrator challenge --random 11700 --count 51`, and 170 cases before):
 # how often answers are wrong that leave at most so many times the noise on held-out runs; and where more is
 # left, laws and "none". Such a "none" was wrong in 16 of 16 cases of the seeds 12561 to 13749, which hide
@@ -34,7 +36,7 @@ _OUTSIDE, _NEAR_LAW = 0.9, 0.3
 # (`orchestrator challenge --random 12000 --count 350`, 240 cases of it).
 _SOMEWHERE = 0.8
 # Most where other laws act the same on these logs: 28 of 31 such were right (the seeds 12200 to 12930).
-_ALIKE = 0.9
+_SAME_EFFECT = 0.9
 
 
 @dataclass(frozen=True)
@@ -119,50 +121,55 @@ class Judgement:
         """What is missing."""
         search, weighed, chosen, verdict = self._search, self._weighed, self._chosen, self._verdict
         gap = replayed(self._held, (), search.model.nominal, as_configured=True)
-        traces, parameters, named = self._traces(gap), self._parameters(), self._named()
+        traces, (named, hints) = self._traces(gap), self._named()
         probability, rivals, elsewhere = self._rivals()
         twins = self._twins(elsewhere)
         if verdict == "outside":
             probability = self._outside(named)
         else:
-            alike = len({one.law.name for one in (*self._best.laws, *twins)}) > len(self._best.laws)
-            most = _SOMEWHERE if elsewhere else _ALIKE if alike else 1.0
+            names = {one.law.name for one in (*self._best.laws, *twins)}
+            most = _SOMEWHERE if elsewhere else _SAME_EFFECT if len(names) > len(self._best.laws) else 1.0
             probability = min(probability, most, 1.0 if self._unseen else 1.0 - _WRONG_FAR)
         places, estimate = _estimate(search) if verdict == "outside" and search.model.filters else ([], None)
         law = verdict == "law"
         remains = (self._judged if law else self._calibrated).remains
         return Answer(
-            verdict, named, probability, rivals, twins, parameters, places, estimate,
+            verdict, named, probability, rivals, twins, self._parameters(), places, estimate,
             gap.remains, self._calibrated.remains, remains, closed(gap.remains, remains), self._share, traces,
             experiments_for(search, weighed, chosen, elsewhere, rivals) if law else [], self._units(),
-            self._remarks, held_out=[run.name for run in self._unseen],
+            [*self._remarks, *self._doubts(), *hints], held_out=[run.name for run in self._unseen],
         )  # fmt: skip
 
-    def _parameters(self) -> dict[str, tuple[float, float]]:
-        """Values and standard deviations; remarks on those that leave their tolerances."""
-        base, model = self._search.base, self._search.model
-        law = self._verdict == "law"
-        values, covariance = self._best.constants if law else (base.constants, base.covariance)
-        sigmas = np.sqrt(np.abs(np.diag(covariance)))
-        self._remarks += [
-            f"{model.parameters[k]} leaves its tolerance: {values[k]:.4g} instead of {model.nominal[k]:.4g}."
-            for k in self._search.far(values)
-        ]
-        return {str(port): (float(values[k]), float(sigmas[k])) for k, port in enumerate(model.parameters)}
+    def _constants(self) -> tuple[Array, Array]:
+        """Parameters of the answer, or of the calibration without a law, and their covariance."""
+        base = self._search.base
+        return self._best.constants if self._verdict == "law" else (base.constants, base.covariance)
 
-    def _named(self) -> Fitted | None:
-        """The laws to name: the answer, or the nearest ones; remarks on them."""
+    def _parameters(self) -> dict[str, tuple[float, float]]:
+        """Values and standard deviations."""
+        values, covariance = self._constants()
+        sigmas = np.sqrt(np.abs(np.diag(covariance)))
+        names = self._search.model.parameters
+        return {str(port): (float(values[k]), float(sigmas[k])) for k, port in enumerate(names)}
+
+    def _doubts(self) -> Iterator[str]:
+        """Remarks on parameters that leave their tolerances, and on a study without held-out runs."""
+        model, (values, _) = self._search.model, self._constants()
+        for k in self._search.far(values):
+            instead = f"{values[k]:.4g} instead of {model.nominal[k]:.4g}"
+            yield f"{model.parameters[k]} leaves its tolerance: {instead}."
         if not self._unseen:
             remedy = "Log one with the role held-out, or split one by `from` and `to`."
-            self._remarks.append(f"No run is held out, so that nothing tests the answer. {remedy}")
+            yield f"No run is held out, so that nothing tests the answer. {remedy}"
+
+    def _named(self) -> tuple[Fitted | None, list[str]]:
+        """The laws to name, which are the answer or the nearest ones, and remarks on others."""
+        if self._verdict == "outside" and not self._best.laws:
+            return nearest_laws(self._weighed, self._replayed, self._calibrated.remains)
         left = self._judged.remains
-        if self._verdict == "law" and left > NEAR_NOISE:
-            self._remarks += further_law(self._held, self._weighed, self._chosen, left)
-        if self._best.laws or self._verdict != "outside":
-            return self._best if self._best.laws else None
-        named, hint = nearest_laws(self._held, self._weighed, self._calibrated.remains)
-        self._remarks += hint
-        return named
+        further = self._verdict == "law" and left > NEAR_NOISE
+        hints = further_law(self._weighed, self._chosen, self._replayed, left) if further else []
+        return self._best if self._best.laws else None, hints
 
     def _rivals(self) -> tuple[float, list[Rival], list[Fitted]]:
         """Probability of the answer as the evidence has it, its rivals, and the same laws elsewhere."""

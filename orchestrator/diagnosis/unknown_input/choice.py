@@ -108,22 +108,22 @@ def simplest(search: Search, weighed: Sequence[Weighed], chosen: int) -> int:
 
     That is where the answer does not halve what those leave.
     """
-    answer, count = weighed[chosen], len(weighed[chosen].fitted.laws)
+    answer = weighed[chosen]
+    kind, size, count = _kind(answer.fitted), _size(answer.fitted), len(answer.fitted.laws)
+    as_usual = [(k, one) for k, one in enumerate(weighed) if rare(one.fitted) <= rare(answer.fitted)]
     # What an answer of another family explains clearly better is no answer, however few its numbers.
     others = [
-        one.evidence for one in weighed
-        if len(one.fitted.laws) == count and _kind(one.fitted) != _kind(answer.fitted)
-        and significant(one.fitted) and rare(one.fitted) <= rare(answer.fitted)
-        and not search.far(one.polished.constants)
+        one.evidence for _, one in as_usual
+        if len(one.fitted.laws) == count and _kind(one.fitted) != kind
+        and significant(one.fitted) and not search.far(one.polished.constants)
     ]  # fmt: skip
-    simpler = [
-        k for k, one in enumerate(weighed)
-        if _kind(one.fitted) == _kind(answer.fitted) and _size(one.fitted) < _size(answer.fitted)
+    simpler = (
+        k for k, one in as_usual
+        if _kind(one.fitted) == kind and _size(one.fitted) < size
         and closed(one.polished.remains, answer.polished.remains) < _HALF
-        and (rare(answer.fitted) or not rare(one.fitted))
         and one.evidence > max(others, default=-np.inf) - LEAST
-    ]  # fmt: skip
-    return simpler[0] if simpler else chosen
+    )  # fmt: skip
+    return next(simpler, chosen)
 
 
 def rare(one: Fitted) -> bool:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import islice
 
 from .choice import AS_LIKELY, rare, significant, simplest
 from .fits import Weighed
-from .held_out_replay import HeldOutReplay, closed, replayed
+from .held_out_replay import HeldOutReplay, closed
 from .law_fit import Fitted
-from .places import Runs
 from .search import LEAST, SECOND, Search
 
 # Share of the gap on held-out runs that laws must close to be the answer, and to be named as the nearest.
@@ -104,50 +104,54 @@ def confirmed(
     return chosen, own, []
 
 
-def _with_a_second(search: Search, weighed: Sequence[Weighed], chosen: int) -> list[int]:
-    """The likeliest two usual laws, if they close a third of what the answer, a single law, leaves."""
+def _more_laws(weighed: Sequence[Weighed], chosen: int) -> list[int]:
+    """Answers with more laws than a single one and clearly more evidence, best first."""
     answer = weighed[chosen]
-    pairs = [
+    return [
         k for k, one in enumerate(weighed)
-        if len(one.fitted.laws) == 2 and len(answer.fitted.laws) == 1 and significant(one.fitted)
-        and not rare(one.fitted) and not search.far(one.polished.constants)
+        if len(one.fitted.laws) > len(answer.fitted.laws) > 0 and significant(one.fitted)
         and one.evidence > answer.evidence + LEAST
     ]  # fmt: skip
-    found = [simplest(search, weighed, k) for k in pairs[:1]]
-    return [k for k in found if closed(answer.polished.remains, weighed[k].polished.remains) >= _THIRD]
+
+
+def _with_a_second(search: Search, weighed: Sequence[Weighed], chosen: int) -> list[int]:
+    """The likeliest two usual laws, if they close a third of what the answer, a single law, leaves."""
+    usual = (
+        k for k in _more_laws(weighed, chosen)
+        if not rare(weighed[k].fitted) and not search.far(weighed[k].polished.constants)
+    )  # fmt: skip
+    found = [simplest(search, weighed, k) for k in islice(usual, 1)]
+    before = weighed[chosen].polished.remains
+    return [k for k in found if closed(before, weighed[k].polished.remains) >= _THIRD]
 
 
 def nearest_laws(
-    held: Runs, weighed: Sequence[Weighed], calibrated: float
+    weighed: Sequence[Weighed], judged: Callable[[Fitted], HeldOutReplay], calibrated: float
 ) -> tuple[Fitted | None, list[str]]:
     """The likeliest laws, although they explain too little, and a remark; none that held-out runs refuse."""
-    found = next(((one, two) for one, two, _ in weighed if one.laws and significant(one)), None)
-    if found is None:
+    one = next((one.fitted for one in weighed if one.fitted.laws and significant(one.fitted)), None)
+    if one is None:
         return None, []
-    one, fit = found
-    share = closed(calibrated, replayed(held, [law.inserted for law in one.laws], fit.constants).remains)
+    share = closed(calibrated, judged(one).remains)
     if share < _HINT:
         return None, []
     names = " + ".join(law.name for law in one.laws)
     return one, [f"The nearest laws close {100 * share:.0f} % of the calibrated gap there: {names}."]
 
 
-def further_law(held: Runs, weighed: Sequence[Weighed], chosen: int, remains: float) -> list[str]:
+def further_law(
+    weighed: Sequence[Weighed], chosen: int, judged: Callable[[Fitted], HeldOutReplay], remains: float
+) -> list[str]:
     """A remark on two laws that leave less on held-out runs than one, but too much to be the answer.
 
     Args:
         remains: what the answer leaves there, over the noise.
     """
-    answer = weighed[chosen]
-    more = [
-        one for one in weighed
-        if len(one.fitted.laws) > len(answer.fitted.laws) > 0 and significant(one.fitted)
-        and one.evidence > answer.evidence + LEAST
-    ]  # fmt: skip
+    more = _more_laws(weighed, chosen)
     if not more:
         return []
-    one, fit, _ = more[0]
-    left = replayed(held, [law.inserted for law in one.laws], fit.constants).remains
+    one = weighed[more[0]].fitted
+    left = judged(one).remains
     if closed(remains, left) < _HINT:
         return []
     names = " + ".join(law.name for law in one.laws)
